@@ -1,0 +1,128 @@
+# make            build everything into build/$(config)/{bin,lib/pbs}
+# make demo       build, and take a real CAD assembly through the whole path to pictures
+# make test       build, and run every test; the last line is "N passed, N failed"
+# make bench      figures, as ratios within one run
+# make lint       layers, headers, man pages, formatting
+# make install    PREFIX=/usr/local DESTDIR=
+# config=release (default) | debug | asan | tsan
+
+config  ?= release
+PREFIX  ?= /usr/local
+DESTDIR ?=
+CC      ?= cc
+CXX     ?= c++
+B       := build/$(config)
+
+VERSION := 0.1.0
+
+# One rule for floating point everywhere: no contraction, so that a portable build, an AVX2 build
+# and a sanitized build write the same bytes.
+common  := -g -Wall -Wextra -Wshadow -fvisibility=hidden -ffp-contract=off -fno-math-errno \
+           -I. -DPBS_VERSION='"$(VERSION)"' -DPBS_PREFIX='"$(PREFIX)"' -D_GNU_SOURCE -MMD -MP
+opt_release := -O2
+opt_debug   := -O0
+opt_asan    := -O1 -fsanitize=address,undefined -fno-sanitize-recover=undefined -fno-omit-frame-pointer
+opt_tsan    := -O1 -fsanitize=thread
+ifeq ($(opt_$(config)),)
+$(error config=$(config): one of release, debug, asan, tsan)
+endif
+ALLCFLAGS   := -std=c11 $(common) $(opt_$(config)) -Wstrict-prototypes -Wmissing-prototypes $(CFLAGS)
+ALLCXXFLAGS := -std=c++17 $(common) -fPIC $(opt_$(config)) $(CXXFLAGS)
+ALLLDFLAGS  := $(opt_$(config)) -pthread -Wl,--as-needed $(LDFLAGS)
+LDLIBS      := -lm -ldl
+
+core    := $(patsubst %.c,$(B)/obj/%.o,$(wildcard libcore/*.c))
+formats := $(patsubst %.c,$(B)/obj/%.o,$(wildcard formats/*.c))
+tool    := $(patsubst %.c,$(B)/obj/%.o,$(filter-out cmd/pbs-%,$(wildcard cmd/*.c)))
+programs := $(patsubst cmd/%.c,$(B)/bin/%,$(wildcard cmd/pbs-*.c)) $(B)/bin/pbs-view
+view    := $(patsubst %.c,$(B)/obj/%.o,$(wildcard cmd/pbs-view/*.c))
+unit    := $(patsubst tests/unit/%.c,$(B)/tests/%,$(wildcard tests/unit/*.c))
+benches := $(patsubst tests/bench/%.c,$(B)/tests/%,$(wildcard tests/bench/bench_*.c))
+
+# A module is built if its libraries are here; otherwise the build says so and goes on.
+have = $(shell printf '$(foreach h,$(1),\#include <$(h)>\n)' | $(CXX) $(2) -E -xc++ - >/dev/null 2>&1 && echo yes)
+flags_gltf  := -I/usr/include/nlohmann
+libs_gltf   := -ldraco
+flags_image := -isystem /usr/include/Imath
+libs_image  := -lOpenImageIO -lOpenImageIO_Util
+flags_exr   := -I/usr/include/OpenEXR -I/usr/include/Imath
+libs_exr    := -lOpenEXRCore
+modules :=
+ifeq ($(call have,tiny_gltf.h draco/compression/decode.h nlohmann/json.hpp,$(flags_gltf)),yes)
+modules += gltf
+endif
+ifeq ($(call have,OpenImageIO/imageio.h,$(flags_image)),yes)
+modules += image
+endif
+ifeq ($(call have,openexr.h,$(flags_exr)),yes)
+modules += exr
+endif
+missing := $(filter-out $(modules),gltf image exr)
+
+.PHONY: all test demo bench lint install clean deps
+.SECONDARY:
+all: $(programs) $(modules:%=$(B)/lib/pbs/%.so)
+	@$(if $(missing),echo "left out, libraries not installed: $(missing) (scripts/deps installs them)")
+
+deps:
+	@scripts/deps
+
+$(B)/obj/%.o: %.c Makefile
+	@mkdir -p $(@D)
+	$(CC) $(ALLCFLAGS) -fPIC -c -o $@ $<
+$(B)/libcore.a: $(core)
+	@rm -f $@
+	$(AR) rcs $@ $^
+$(B)/libformats.a: $(formats)
+	@rm -f $@
+	$(AR) rcs $@ $^
+
+$(B)/bin/pbs-view: $(view) $(tool) $(B)/libformats.a $(B)/libcore.a
+	@mkdir -p $(@D)
+	$(CC) $(ALLLDFLAGS) -o $@ $^ $(LDLIBS)
+$(B)/bin/pbs-%: $(B)/obj/cmd/pbs-%.o $(tool) $(B)/libformats.a $(B)/libcore.a
+	@mkdir -p $(@D)
+	$(CC) $(ALLLDFLAGS) -o $@ $^ $(LDLIBS)
+
+# Shaders are compiled in: one C string each.
+$(B)/obj/cmd/pbs-view/%.o: cmd/pbs-view/%.c $(B)/gen/shaders.h Makefile
+	@mkdir -p $(@D)
+	$(CC) $(ALLCFLAGS) -I$(B)/gen -c -o $@ $<
+$(B)/gen/shaders.h: scripts/embed $(wildcard cmd/pbs-view/*.glsl)
+	@mkdir -p $(@D)
+	scripts/embed $(wildcard cmd/pbs-view/*.glsl) > $@
+
+$(B)/lib/pbs/%.so: formats/foreign/%.cpp Makefile $(B)/libcore.a
+	@mkdir -p $(@D)
+	$(CXX) $(ALLCXXFLAGS) $(flags_$*) -shared -MF $(B)/lib/$*.d -MT $@ -o $@ $< $(B)/libcore.a $(LDFLAGS) $(libs_$*)
+
+$(B)/tests/%: $(B)/obj/tests/unit/%.o $(B)/libformats.a $(B)/libcore.a
+	@mkdir -p $(@D)
+	$(CC) $(ALLLDFLAGS) -o $@ $^ $(LDLIBS)
+$(B)/tests/bench_%: $(B)/obj/tests/bench/bench_%.o $(B)/obj/cmd/pbs-view/gl.o $(B)/libformats.a $(B)/libcore.a
+	@mkdir -p $(@D)
+	$(CC) $(ALLLDFLAGS) -o $@ $^ $(LDLIBS)
+
+test: deps
+	@$(MAKE) --no-print-directory config=$(config) all test-programs
+	@tests/run $(B)
+.PHONY: test-programs
+test-programs: $(unit)
+demo: deps
+	@$(MAKE) --no-print-directory config=$(config) all
+	@scripts/demo $(B)
+bench: all $(benches)
+	@scripts/bench $(B)
+lint:
+	@scripts/lint
+
+install: all
+	install -d $(DESTDIR)$(PREFIX)/bin $(DESTDIR)$(PREFIX)/lib/pbs $(addprefix $(DESTDIR)$(PREFIX)/share/man/man,1 5 7)
+	install -m 755 $(programs) $(DESTDIR)$(PREFIX)/bin
+	$(if $(modules),install -m 644 $(modules:%=$(B)/lib/pbs/%.so) $(DESTDIR)$(PREFIX)/lib/pbs)
+	for s in 1 5 7; do install -m 644 man/*.$$s $(DESTDIR)$(PREFIX)/share/man/man$$s; done
+
+clean:
+	rm -rf build
+
+-include $(shell find $(B) -name '*.d' 2>/dev/null)

@@ -1,0 +1,70 @@
+/* module.h: libraries that are opened when a scene needs them, never linked into a tool.
+ *
+ * A module is lib/pbs/NAME.so beside the bin folder of the running program, or in the folder
+ * that PBS_MODULES names. It exports one symbol, pbs_module, a table that begins with the
+ * version of this interface. Inside is C++ and one third-party library; outside is C. No
+ * exception leaves it.
+ */
+#ifndef PBS_MODULE_H
+#define PBS_MODULE_H
+
+#include "formats/sink.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define PBS_MODULE_ABI 1
+
+/* gltf.so: tinygltf and Draco. */
+typedef struct pbs_module_gltf {
+    int abi;
+    pbs_import_fn import;
+} pbs_module_gltf;
+
+/* image.so: OpenImageIO. Costs about 130 MB and 0.3 s when opened. */
+typedef struct pbs_module_image {
+    int abi;
+    /* Decodes an image of any format OpenImageIO knows from memory; name is for messages.
+     * out->rgba comes from pbs_alloc(run); missing colour channels are filled (grey to rgb, alpha
+     * 255). 16-bit and float images are rounded to 8 bits. */
+    pbs_code (*decode)(pbs_run *run, const char *name, const void *bytes, size_t size,
+                       pbs_image *out, pbs_err *err);
+    /* Writes a file whose format follows from its ending. */
+    pbs_code (*write)(const char *path, const pbs_image *image, pbs_err *err);
+} pbs_module_image;
+
+/* exr.so: OpenEXRCore. A part of an EXR file is a view; planes are rows top down, `stride` floats
+ * from one pixel to the next. */
+typedef struct pbs_exr_plane {
+    const char *channel; /* "P.X", "N.Z", "R", ... */
+    float *data;         /* width * height * stride */
+    uint32_t stride;
+    int half;            /* store as half float */
+} pbs_exr_plane;
+typedef struct pbs_exr_part {
+    const char *name; /* "view0" */
+    uint32_t width, height;
+    pbs_exr_plane *planes;
+    int plane_count;
+} pbs_exr_part;
+typedef struct pbs_module_exr {
+    int abi;
+    /* One file, any number of parts, ZIP compressed, scanlines. */
+    pbs_code (*write)(const char *path, const pbs_exr_part *parts, int part_count, pbs_err *err);
+    /* Reads part after part: calls sink with all float, half and uint channels of a part as float
+     * planes with stride 1, which are borrowed. Scanline and tiled, not deep. */
+    pbs_code (*read)(pbs_run *run, const char *path,
+                     pbs_code (*sink)(void *ctx, const pbs_exr_part *part, pbs_err *err),
+                     void *ctx, pbs_err *err);
+} pbs_module_exr;
+
+/* *table points to the module's table, for as long as the program runs. counted: bytes that
+ * opening it costs, counted in run. Errors: PBS_IO, "module gltf: not installed ...", PBS_LIMIT. */
+pbs_code pbs_module_open(pbs_run *run, const char *name, size_t counted, const void **table,
+                         pbs_err *err);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,104 @@
+#include "libcore/run.h"
+#include <stdlib.h>
+#include <string.h>
+
+/* Every block begins with its size, so that pbs_free knows what to give back. */
+#define HEAD 64
+
+static void raise_to(size_t *peak, size_t v) {
+    size_t p = __atomic_load_n(peak, __ATOMIC_RELAXED);
+    while (p < v && !__atomic_compare_exchange_n(peak, &p, v, 1, __ATOMIC_RELAXED,
+                                                 __ATOMIC_RELAXED)) {}
+}
+
+static pbs_code too_small(const pbs_run *run, size_t bytes, const char *what, pbs_err *err) {
+    size_t used = pbs_mem_used(run);
+    size_t sum = bytes > SIZE_MAX - used ? SIZE_MAX : used + bytes;
+    return pbs_fail(err, PBS_LIMIT, "%s: -m %zuMi is too small: at least -m %zuMi is needed", what,
+                    run->mem_limit >> 20, sum / (1 << 20) + 1);
+}
+
+pbs_code pbs_mem_take(pbs_run *run, size_t bytes, const char *what, pbs_err *err) {
+    size_t used = __atomic_load_n(&run->mem_used, __ATOMIC_RELAXED);
+    do {
+        if (run->mem_limit && (used > run->mem_limit || bytes > run->mem_limit - used))
+            return too_small(run, bytes, what, err);
+        if (bytes > SIZE_MAX - used) return pbs_fail(err, PBS_LIMIT, "%s: too large", what);
+    } while (!__atomic_compare_exchange_n(&run->mem_used, &used, used + bytes, 1, __ATOMIC_RELAXED,
+                                          __ATOMIC_RELAXED));
+    raise_to(&run->mem_peak, used + bytes);
+    return PBS_OK;
+}
+
+void pbs_mem_give(pbs_run *run, size_t bytes) {
+    __atomic_fetch_sub(&run->mem_used, bytes, __ATOMIC_RELAXED);
+}
+
+pbs_code pbs_mem_plan(pbs_run *run, size_t bytes, const char *what, pbs_err *err) {
+    if (bytes <= pbs_mem_left(run)) return PBS_OK;
+    return too_small(run, bytes, what, err);
+}
+
+size_t pbs_mem_used(const pbs_run *run) { return __atomic_load_n(&run->mem_used, __ATOMIC_RELAXED); }
+size_t pbs_mem_peak(const pbs_run *run) { return __atomic_load_n(&run->mem_peak, __ATOMIC_RELAXED); }
+
+size_t pbs_mem_left(const pbs_run *run) {
+    size_t used = pbs_mem_used(run);
+    if (!run->mem_limit) return SIZE_MAX / 4;
+    return used < run->mem_limit ? run->mem_limit - used : 0;
+}
+
+pbs_code pbs_alloc(pbs_run *run, void *out, size_t count, size_t size, const char *what,
+                   pbs_err *err) {
+    void *p = NULL;
+    memcpy(out, &p, sizeof p);
+    if (size && count > (SIZE_MAX / 2 - HEAD) / size)
+        return pbs_fail(err, PBS_LIMIT, "%s: too large", what);
+    size_t bytes = (HEAD + count * size + HEAD - 1) / HEAD * HEAD;
+    pbs_code rc = pbs_mem_take(run, bytes, what, err);
+    if (rc) return rc;
+    if (!(p = aligned_alloc(HEAD, bytes))) {
+        pbs_mem_give(run, bytes);
+        return pbs_fail(err, PBS_LIMIT, "%s: the machine has no %zu MiB left", what, bytes >> 20);
+    }
+    memcpy(p, &bytes, sizeof bytes);
+    p = (char *)p + HEAD;
+    memcpy(out, &p, sizeof p);
+    return PBS_OK;
+}
+
+pbs_code pbs_grow(pbs_run *run, void *ptr, size_t *cap, size_t need, size_t size, const char *what,
+                  pbs_err *err) {
+    if (need <= *cap) return PBS_OK;
+    void *old, *fresh;
+    memcpy(&old, ptr, sizeof old);
+    size_t want = *cap + *cap / 2;
+    if (want < need) want = need;
+    /* The last step before the limit may be the exact one. */
+    if (size && want > need && want * size + HEAD > pbs_mem_left(run)) want = need;
+    pbs_code rc = pbs_alloc(run, &fresh, want, size, what, err);
+    if (rc) return rc;
+    if (old) memcpy(fresh, old, *cap * size);
+    pbs_free(run, old);
+    memcpy(ptr, &fresh, sizeof fresh);
+    *cap = want;
+    return PBS_OK;
+}
+
+void pbs_free(pbs_run *run, void *ptr) {
+    if (!ptr) return;
+    void *block = (char *)ptr - HEAD;
+    size_t bytes;
+    memcpy(&bytes, block, sizeof bytes);
+    free(block);
+    pbs_mem_give(run, bytes);
+}
+
+pbs_code pbs_run_check(const pbs_run *run, pbs_err *err) {
+    if (run->cancel && *run->cancel) return pbs_fail(err, PBS_CANCEL, "stopped");
+    return PBS_OK;
+}
+
+void pbs_run_progress(const pbs_run *run, const char *what, uint64_t done, uint64_t total) {
+    if (run->progress) run->progress(run->progress_ctx, what, done, total);
+}
