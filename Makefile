@@ -41,7 +41,7 @@ benches := $(patsubst tests/bench/%.c,$(B)/tests/%,$(wildcard tests/bench/bench_
 
 # A module is built if its libraries are here; otherwise the build says so and goes on.
 have = $(shell printf '$(foreach h,$(1),\#include <$(h)>\n)' | $(CXX) $(2) -E -xc++ - >/dev/null 2>&1 && echo yes)
-flags_gltf  := -I/usr/include/nlohmann
+flags_gltf  :=
 libs_gltf   := -ldraco
 flags_image := -isystem /usr/include/Imath
 libs_image  := -lOpenImageIO -lOpenImageIO_Util
@@ -92,9 +92,20 @@ $(B)/gen/shaders.h: scripts/embed $(wildcard cmd/pbs-view/*.glsl)
 	@mkdir -p $(@D)
 	scripts/embed $(wildcard cmd/pbs-view/*.glsl) > $@
 
-$(B)/lib/pbs/%.so: formats/foreign/%.cpp Makefile $(B)/libcore.a
+# A module NAME is formats/foreign/NAME.c or NAME.cpp and NAME_*.cpp, with NAME's flags.
+module_flags = $(flags_$(firstword $(subst _, ,$*)))
+$(B)/obj/formats/foreign/%.o: formats/foreign/%.cpp Makefile
 	@mkdir -p $(@D)
-	$(CXX) $(ALLCXXFLAGS) $(flags_$*) -shared -MF $(B)/lib/$*.d -MT $@ -o $@ $< $(B)/libcore.a $(LDFLAGS) $(libs_$*)
+	$(CXX) $(ALLCXXFLAGS) $(module_flags) -c -o $@ $<
+$(B)/obj/formats/foreign/%.o: formats/foreign/%.c Makefile
+	@mkdir -p $(@D)
+	$(CC) $(ALLCFLAGS) -fPIC $(module_flags) -c -o $@ $<
+define module_rule
+$(B)/lib/pbs/$(1).so: $(patsubst %,$(B)/obj/%.o,$(basename $(wildcard formats/foreign/$(1).c formats/foreign/$(1).cpp formats/foreign/$(1)_*.cpp))) $(B)/libcore.a
+	@mkdir -p $$(@D)
+	$(CXX) $(ALLLDFLAGS) -shared -o $$@ $$^ $(libs_$(1))
+endef
+$(foreach m,$(modules),$(eval $(call module_rule,$(m))))
 
 $(B)/tests/%: $(B)/obj/tests/unit/%.o $(B)/libformats.a $(B)/libcore.a
 	@mkdir -p $(@D)

@@ -1,0 +1,45 @@
+/* camera.h: where the eye is. Pure arithmetic in double.
+ *
+ * View coordinates: x to the right, y up, the camera looks along -z, and the target is at
+ * distance 1: the GPU sees numbers near 1 in every scene, 10^-9 or 10^9 across and any distance
+ * from the origin, because the eye is subtracted in double (DESIGN section 9).
+ */
+#ifndef PBS_CAMERA_H
+#define PBS_CAMERA_H
+
+#include "libcore/err.h"
+#include "libcore/vec.h"
+
+typedef struct pbs_camera {
+    double eye[3], target[3];
+    double right[3], up[3], back[3]; /* orthonormal, right-handed */
+    double world_up[3];              /* unit vector: where the sky is */
+    double tan_half;                 /* of half the vertical field of view */
+    double unit;                     /* distance of the target */
+} pbs_camera;
+
+/* Nothing nearer than this is drawn; in view coordinates. Depth is reversed, float, and without a
+ * far end, so its relative precision is 2^-24 at any distance and this can be small. */
+#define PBS_CAMERA_NEAR 1e-5
+
+typedef struct pbs_camera_desc {
+    double toward_eye[3]; /* from the box to the eye, length free; 0: three-quarter from above */
+    double up[3];         /* 0: +y, as in glTF */
+    double fov;           /* vertical, degrees; 0: 30 */
+    double aspect;        /* width / height; 0: 1 */
+} pbs_camera_desc;
+
+/* A camera that sees the whole box, as large as it can. An empty or infinite box counts as the
+ * unit cube, a point as a cube that is small beside its distance from the origin. */
+void pbs_camera_frame(pbs_camera *out, const pbs_box *box, const pbs_camera_desc *desc);
+
+/* "EX,EY,EZ,TX,TY,TZ[,UX,UY,UZ][,FOV]": eye, target, up (0,1,0) and the vertical field of view in
+ * degrees (30). Errors: PBS_USAGE. */
+pbs_code pbs_camera_parse(pbs_camera *out, const char *text, pbs_err *err);
+
+/* out takes the coordinates that m takes to the world to view coordinates instead. */
+void pbs_camera_place(double out[12], const pbs_camera *camera, const double m[12]);
+
+/* Size of a pixel at distance 1, in view coordinates, in a picture `height` pixels high. */
+double pbs_camera_pixel(const pbs_camera *camera, unsigned height);
+#endif

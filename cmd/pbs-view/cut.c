@@ -1,0 +1,115 @@
+/* cut.c: the cut through the hierarchy: prefix lengths and what is in the picture.
+ *
+ * Paper 1, section 4.1. With d_p the distance between two neighbouring pixels, projected onto the
+ * plane through the node's nearest point, a disc that is s pixels across has the radius
+ *
+ *     r = s d_p / 2
+ *
+ * (the paper prints s / (2 d_p), with d_p in pixels per unit). In view coordinates
+ * d_p = 2 tan(fov / 2) / height * depth, and the node's unit is the stretch of its transform
+ * longer there.
+ */
+#include "cmd/pbs-view/cut.h"
+
+float pbs_half_to_float(uint16_t half) {
+    int exponent = half >> 10 & 31, mantissa = half & 1023;
+    float v = exponent == 31  ? (mantissa ? NAN : INFINITY)
+              : exponent == 0 ? ldexpf((float)mantissa, -24)
+                              : ldexpf((float)(mantissa + 1024), exponent - 25);
+    return half & 0x8000 ? -v : v;
+}
+
+static double spacing(const pbs_spacings *s, uint32_t i) {
+    const uint8_t *p = s->first + (size_t)i * s->stride;
+    return s->unit * (double)pbs_half_to_float((uint16_t)(p[0] | p[1] << 8));
+}
+
+double pbs_cut_radius(const pbs_spacings *s, uint32_t prefix) {
+    if (s->count == 0) return 0;
+    if (prefix == 0) prefix = 1;
+    if (prefix < s->count) return spacing(s, prefix);
+    /* Nothing is known about what lies between the surfels of the whole set; it was covered about
+     * as well as the last surfel found it. */
+    return s->covering > 0 ? s->covering : spacing(s, s->count - 1);
+}
+
+uint32_t pbs_cut_prefix(const pbs_spacings *s, double radius) {
+    uint32_t low = 1, high = s->count; /* the answer is in low .. high */
+    if (high == 0) return 0;
+    while (low < high) {
+        uint32_t mid = low + (high - low) / 2;
+        if (spacing(s, mid) <= radius)
+            high = mid;
+        else
+            low = mid + 1;
+    }
+    return low;
+}
+
+double pbs_cut_depth(const pbs_camera *camera, double aspect, const pbs_box *box,
+                     const double m[12]) {
+    double view[12], square = 0, x = camera->tan_half * aspect, y = camera->tan_half;
+    pbs_camera_place(view, camera, m);
+    pbs_box b = pbs_xform_box(view, box);
+    if (pbs_box_is_empty(&b)) return PBS_CAMERA_NEAR;
+    for (int k = 0; k < 3; k++) {
+        double d = fmax(0, fmax(b.min[k], -b.max[k]));
+        square += d * d;
+    }
+    /* A point in the picture is at most sqrt(1 + x^2 + y^2) times as far as it is deep. */
+    double depth = fmax(-b.max[2], sqrt(square / (1 + x * x + y * y)));
+    return fmax(depth, PBS_CAMERA_NEAR);
+}
+
+double pbs_cut_stretch(const double m[12]) {
+    /* Power iteration on M^T M, started from its longest row; exact for a similarity. */
+    double a[9], v[3] = {0}, best = 0, scale = 0;
+    for (int i = 0; i < 9; i++) scale = fmax(scale, fabs(m[4 * (i / 3) + i % 3]));
+    if (!(scale > 0) || !isfinite(scale)) return scale;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) {
+            a[3 * i + j] = 0;
+            for (int k = 0; k < 3; k++)
+                a[3 * i + j] += m[4 * k + i] / scale * (m[4 * k + j] / scale);
+        }
+    for (int i = 0; i < 3; i++) {
+        double length =
+            a[3 * i] * a[3 * i] + a[3 * i + 1] * a[3 * i + 1] + a[3 * i + 2] * a[3 * i + 2];
+        if (length > best) best = length, memcpy(v, a + 3 * i, sizeof v);
+    }
+    double value = 0;
+    for (int step = 0; step < 24; step++) {
+        double w[3], length = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+        for (int i = 0; i < 3; i++) w[i] = v[i] / length;
+        for (int i = 0; i < 3; i++)
+            v[i] = a[3 * i] * w[0] + a[3 * i + 1] * w[1] + a[3 * i + 2] * w[2];
+        value = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+    }
+    return sqrt(value) * scale;
+}
+
+double pbs_cut_wanted(const pbs_camera *camera, unsigned height, double depth, double pixels,
+                      const double m[12]) {
+    double stretch = pbs_cut_stretch(m);
+    double radius = pixels / 2 * pbs_camera_pixel(camera, height) * depth * camera->unit;
+    return stretch > 0 ? radius / stretch : INFINITY;
+}
+
+bool pbs_cut_visible(const pbs_camera *camera, double aspect, const pbs_box *box, double padding,
+                     const double m[12]) {
+    double view[12], tan_x = camera->tan_half * aspect, tan_y = camera->tan_half;
+    pbs_box padded = *box;
+    if (pbs_box_is_empty(box)) return false;
+    for (int k = 0; k < 3; k++) padded.min[k] -= padding, padded.max[k] += padding;
+    pbs_camera_place(view, camera, m);
+    unsigned outside = 31; /* planes that all corners so far are behind */
+    for (int i = 0; i < 8; i++) {
+        double p[3];
+        for (int k = 0; k < 3; k++) p[k] = i >> k & 1 ? padded.max[k] : padded.min[k];
+        pbs_xform_point(p, view, p);
+        outside &= (unsigned)(p[0] > -p[2] * tan_x) | (unsigned)(-p[0] > -p[2] * tan_x) << 1 |
+                   (unsigned)(p[1] > -p[2] * tan_y) << 2 | (unsigned)(-p[1] > -p[2] * tan_y) << 3 |
+                   (unsigned)(-p[2] < PBS_CAMERA_NEAR) << 4;
+    }
+    return outside == 0;
+}

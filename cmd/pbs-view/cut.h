@@ -1,0 +1,47 @@
+/* cut.h: which prefix of which node is drawn, and with which discs (paper 1, section 4.1).
+ *
+ * A node's surfels are a greedy permutation, and every surfel carries its spacing: the distance to
+ * the nearest of the surfels before it. spacing[p] is the covering radius of the prefix of length
+ * p: every other surfel of the node is within that distance of one in the prefix. So the paper's
+ * p(r) = p_m (r_m / r)^2, an estimate, becomes a search in a table that falls.
+ */
+#ifndef PBS_CUT_H
+#define PBS_CUT_H
+
+#include "cmd/pbs-view/camera.h"
+#include <stddef.h>
+
+/* Spacings as they lie in the records: little-endian half floats, never rising. */
+typedef struct pbs_spacings {
+    const uint8_t *first; /* the spacing of surfel 0, not its record */
+    size_t stride;        /* bytes from one to the next */
+    uint32_t count;
+    double unit;          /* length in the node's unit that the value 1 stands for */
+    double covering;      /* covering radius of all surfels, node's unit; 0: not known */
+} pbs_spacings;
+
+/* Covering radius of the first `prefix` surfels, in the node's unit. The discs that close the
+ * surface have this radius. A prefix of 0 counts as 1, more than all as all. */
+double pbs_cut_radius(const pbs_spacings *s, uint32_t prefix);
+
+/* The shortest prefix whose covering radius is at most `radius`; all if there is none. */
+uint32_t pbs_cut_prefix(const pbs_spacings *s, double radius);
+
+/* Depth, in view coordinates, that nothing of the box is nearer than which can be in the picture;
+ * at least PBS_CAMERA_NEAR. m takes the box to the world. */
+double pbs_cut_depth(const pbs_camera *camera, double aspect, const pbs_box *box,
+                     const double m[12]);
+
+/* Disc radius in the node's unit such that a disc, at its nearest, is `pixels` across. */
+double pbs_cut_wanted(const pbs_camera *camera, unsigned height, double depth, double pixels,
+                      const double m[12]);
+
+/* False only if nothing within `padding` (node's unit) of the box can be in the picture. */
+bool pbs_cut_visible(const pbs_camera *camera, double aspect, const pbs_box *box, double padding,
+                     const double m[12]);
+
+/* How much longer m makes a vector at most: its largest singular value. */
+double pbs_cut_stretch(const double m[12]);
+
+float pbs_half_to_float(uint16_t half);
+#endif

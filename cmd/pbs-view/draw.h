@@ -1,0 +1,88 @@
+/* draw.h: a canvas: surfels and triangles into a picture, by OpenGL.
+ *
+ *     pbs_canvas_begin(canvas, &frame, err);
+ *     pbs_canvas_surfels(canvas, nodes, count, err);      any number of times, in any order
+ *     pbs_canvas_meshes(canvas, &scene, err);
+ *     pbs_canvas_end(canvas, &image, err);
+ *
+ * Everything passed in is borrowed for the call: the GPU's copy goes through a buffer of fixed
+ * size, so a scene of any size is drawn in the same memory. Both kinds are lit by the same
+ * function (shade.glsl): their pictures can be compared. Structs may be zero-initialised; zero
+ * means the default that is named.
+ */
+#ifndef PBS_DRAW_H
+#define PBS_DRAW_H
+
+#include "cmd/pbs-view/camera.h"
+#include "cmd/pbs-view/gl.h"
+#include "libcore/mesh.h"
+#include "libcore/record.h"
+#include "libcore/run.h"
+
+typedef struct pbs_canvas pbs_canvas;
+
+typedef struct pbs_canvas_desc {
+    uint32_t width, height; /* pixels; 0: 1024 */
+    int samples;            /* a pixel; 0: 4 or what the device has; 1: no antialiasing */
+} pbs_canvas_desc;
+
+/* gl is borrowed; its context stays current in this thread as long as the canvas lives. Errors:
+ * PBS_LIMIT for a picture that is too large for the device or for -m; PBS_INTERNAL. */
+pbs_code pbs_canvas_new(pbs_run *run, const pbs_gl *gl, const pbs_canvas_desc *desc,
+                        pbs_canvas **out, pbs_err *err);
+void pbs_canvas_free(pbs_canvas *canvas); /* NULL is fine */
+
+typedef struct pbs_frame {
+    pbs_camera camera;
+    uint8_t background[4]; /* sRGB; alpha 0: the default, a light grey */
+} pbs_frame;
+
+/* Clears the canvas. */
+pbs_code pbs_canvas_begin(pbs_canvas *canvas, const pbs_frame *frame, pbs_err *err);
+
+/* A prefix of a node's surfels, packed as in the archive (little-endian, fields in this order):
+ *
+ *     uint16 position[3], half spacing           always
+ *     int16 normal[2]      PBS_NORMAL            octahedral (vec.h)
+ *     uint8 colour[4]      PBS_COLOUR            sRGB, alpha
+ *     uint8 material[4]    PBS_MATERIAL          metallic, roughness, 0, 0
+ *     uint8 emissive[4]    PBS_EMISSIVE          sRGB, 0
+ */
+typedef struct pbs_surfels {
+    const void *records; /* of surfel 0; alignment does not matter */
+    uint32_t stride;     /* bytes, a multiple of 4; 0: what the channels need */
+    uint32_t channels;   /* PBS_NORMAL, ... (record.h); without normals discs face the eye */
+    uint32_t prefix;     /* surfels drawn */
+    double radius;       /* of a disc, node's unit: pbs_cut_radius(.., prefix) closes the surface */
+    double corner[3];    /* of the quantisation lattice, node's unit; origin included */
+    double step;         /* node's unit: position = corner + step * stored */
+    double m[12];        /* node to world; all 0: identity */
+} pbs_surfels;
+
+/* Bytes of a record with these channels, and of a channel's offset in it. */
+uint32_t pbs_surfel_size(uint32_t channels);
+
+/* Discs are never smaller than about a pixel, so none vanishes. Errors: PBS_USAGE for a stride
+ * that does not fit; PBS_LIMIT. */
+pbs_code pbs_canvas_surfels(pbs_canvas *canvas, const pbs_surfels *nodes, size_t count,
+                            pbs_err *err);
+
+/* Source geometry. Two-sided; a mesh without normals is flat. Blended materials count as opaque,
+ * as they do for the surfels (gbuffer.h). */
+typedef struct pbs_meshes {
+    const pbs_draw *draws; /* m takes the mesh to the world; neighbours with the same mesh are
+                              uploaded once */
+    size_t draw_count;
+    const pbs_material *materials;
+    size_t material_count;
+    const pbs_image *textures; /* rgba NULL: counts as white */
+    size_t texture_count;
+} pbs_meshes;
+
+/* Errors: PBS_LIMIT for a texture that is too large for the device, and for memory. */
+pbs_code pbs_canvas_meshes(pbs_canvas *canvas, const pbs_meshes *scene, pbs_err *err);
+
+/* out->rgba belongs to the caller: pbs_free. rgb is the finished picture on its background, alpha
+ * is coverage: 0 where nothing was drawn. Rows top down. */
+pbs_code pbs_canvas_end(pbs_canvas *canvas, pbs_image *out, pbs_err *err);
+#endif

@@ -1,0 +1,315 @@
+#include "formats/file.h"
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#define BUFFER ((size_t)256 << 10)
+#define AHEAD  64
+
+/* ---- input ---- */
+
+static pbs_code map_fd(int fd, uint64_t size, const uint8_t **bytes) {
+    *bytes = NULL;
+    if (!size) return PBS_OK;
+    void *p = mmap(NULL, size, PROT_READ, MAP_PRIVATE, fd, 0);
+    if (p == MAP_FAILED) return PBS_IO;
+    *bytes = p;
+    return PBS_OK;
+}
+
+pbs_code pbs_input_open(pbs_run *run, const char *path, pbs_input *in, pbs_err *err) {
+    memset(in, 0, sizeof *in);
+    in->run = run;
+    bool standard = !path || !strcmp(path, "-");
+    snprintf(in->name, sizeof in->name, "%s", standard ? "standard input" : path);
+    in->fd = standard ? dup(0) : open(path, O_RDONLY | O_CLOEXEC);
+    if (in->fd < 0) return pbs_fail_errno(err, "%s", in->name);
+    struct stat st;
+    pbs_code rc = PBS_OK;
+    if (fstat(in->fd, &st)) rc = pbs_fail_errno(err, "%s", in->name);
+    else if (S_ISDIR(st.st_mode)) rc = pbs_fail(err, PBS_DATA, "%s: is a directory", in->name);
+    else if (standard && isatty(in->fd))
+        rc = pbs_fail(err, PBS_USAGE, "standard input is a terminal: name a file or pipe one in");
+    else if (S_ISREG(st.st_mode) && lseek(in->fd, 0, SEEK_CUR) == 0) {
+        in->size = (uint64_t)st.st_size;
+        if (map_fd(in->fd, in->size, &in->bytes)) rc = pbs_fail_errno(err, "%s: map", in->name);
+        in->mapped = !rc;
+    }
+    if (rc) close(in->fd), in->fd = -1;
+    return rc;
+}
+
+static pbs_code read_fully(pbs_input *in, uint8_t *to, size_t n, size_t *got, pbs_err *err) {
+    *got = 0;
+    while (*got < n) {
+        ssize_t r = read(in->fd, to + *got, n - *got);
+        if (r == 0) break;
+        if (r < 0 && errno == EINTR) {
+            pbs_code rc = pbs_run_check(in->run, err);
+            if (rc) return rc;
+            continue;
+        }
+        if (r < 0) return pbs_fail_errno(err, "%s", in->name);
+        *got += (size_t)r;
+    }
+    return PBS_OK;
+}
+
+pbs_code pbs_input_peek(pbs_input *in, const uint8_t **bytes, size_t *n, pbs_err *err) {
+    if (in->mapped) {
+        *bytes = in->bytes;
+        *n = in->size < AHEAD ? (size_t)in->size : AHEAD;
+        return PBS_OK;
+    }
+    if (!in->ahead) {
+        if (!(in->ahead = malloc(AHEAD))) return pbs_fail(err, PBS_LIMIT, "no memory");
+        pbs_code rc = read_fully(in, in->ahead, AHEAD, &in->ahead_size, err);
+        if (rc) return rc;
+    }
+    *bytes = in->ahead;
+    *n = in->ahead_size;
+    return PBS_OK;
+}
+
+pbs_code pbs_input_read(pbs_input *in, void *to, size_t n, size_t *got, pbs_err *err) {
+    size_t head = in->ahead_size - in->ahead_used, rest;
+    if (head > n) head = n;
+    if (head) memcpy(to, in->ahead + in->ahead_used, head);
+    in->ahead_used += head;
+    pbs_code rc = read_fully(in, (uint8_t *)to + head, n - head, &rest, err);
+    *got = head + rest;
+    return rc;
+}
+
+pbs_code pbs_input_map(pbs_input *in, pbs_err *err) {
+    if (in->mapped) return PBS_OK;
+    pbs_output spool;
+    pbs_code rc = pbs_output_spool(in->run, &spool, err);
+    uint8_t *buf = NULL;
+    if (!rc && !(buf = malloc(BUFFER))) rc = pbs_fail(err, PBS_LIMIT, "no memory");
+    for (size_t got = 1; !rc && got;) {
+        rc = pbs_input_read(in, buf, BUFFER, &got, err);
+        if (!rc) rc = pbs_run_check(in->run, err);
+        if (!rc) rc = pbs_output_write(&spool, buf, got, err);
+    }
+    free(buf);
+    if (rc) {
+        pbs_output_close(&spool);
+        return rc;
+    }
+    pbs_input mapped;
+    if ((rc = pbs_output_reopen(&spool, &mapped, err))) return rc;
+    memcpy(mapped.name, in->name, sizeof mapped.name);
+    pbs_input_close(in);
+    *in = mapped;
+    return PBS_OK;
+}
+
+void pbs_input_close(pbs_input *in) {
+    if (in->bytes) munmap((void *)in->bytes, in->size);
+    if (in->fd >= 0) close(in->fd);
+    free(in->ahead);
+    memset(in, 0, sizeof *in);
+    in->fd = -1;
+}
+
+pbs_code pbs_map_file(const char *path, const uint8_t **bytes, size_t *size, pbs_err *err) {
+    int fd = open(path, O_RDONLY | O_CLOEXEC);
+    if (fd < 0) return pbs_fail_errno(err, "%s", path);
+    struct stat st;
+    pbs_code rc = PBS_OK;
+    if (fstat(fd, &st)) rc = pbs_fail_errno(err, "%s", path);
+    else if (!S_ISREG(st.st_mode)) rc = pbs_fail(err, PBS_IO, "%s: not a regular file", path);
+    else if (map_fd(fd, (uint64_t)st.st_size, bytes)) rc = pbs_fail_errno(err, "%s: map", path);
+    else *size = (size_t)st.st_size;
+    close(fd);
+    return rc;
+}
+
+void pbs_unmap_file(const uint8_t *bytes, size_t size) {
+    if (bytes) munmap((void *)bytes, size);
+}
+
+/* ---- output ---- */
+
+static pbs_code take_buffer(pbs_run *run, pbs_output *out, pbs_err *err) {
+    out->run = run;
+    return pbs_alloc(run, &out->buffer, BUFFER, 1, "the output buffer", err);
+}
+
+/* A file without a name in the folder of path: a crash, or kill -9, leaves nothing behind. */
+static int open_nameless(const char *path) {
+#ifdef O_TMPFILE
+    char dir[4096];
+    const char *slash = strrchr(path, '/');
+    int n = slash ? (int)(slash - path + 1) : 0;
+    if (n >= (int)sizeof dir - 2) return -1;
+    snprintf(dir, sizeof dir, "%.*s.", n, path);
+    return open(dir, O_TMPFILE | O_RDWR | O_CLOEXEC, 0666);
+#else
+    return -1;
+#endif
+}
+
+static char *beside(const char *path) {
+    const char *slash = strrchr(path, '/');
+    int n = slash ? (int)(slash - path + 1) : 0;
+    char *name;
+    if (asprintf(&name, "%.*s.%s.%ld.tmp", n, path, path + n, (long)getpid()) < 0) return NULL;
+    return name;
+}
+
+static pbs_code open_file(const char *path, pbs_output *out, pbs_err *err) {
+    struct stat st;
+    if (!stat(path, &st) && S_ISDIR(st.st_mode))
+        return pbs_fail(err, PBS_IO, "%s: is a directory", path);
+    if (!stat(path, &st) && !S_ISREG(st.st_mode)) { /* /dev/null, a FIFO: written as it is */
+        out->fd = open(path, O_WRONLY | O_CLOEXEC);
+        return out->fd < 0 ? pbs_fail_errno(err, "%s", path) : PBS_OK;
+    }
+    if (!(out->path = strdup(path))) return pbs_fail(err, PBS_LIMIT, "no memory");
+    out->seekable = true;
+    if ((out->fd = open_nameless(path)) >= 0) return PBS_OK;
+    if (!(out->temporary = beside(path))) return pbs_fail(err, PBS_LIMIT, "no memory");
+    out->fd = open(out->temporary, O_CREAT | O_TRUNC | O_RDWR | O_CLOEXEC, 0666);
+    if (out->fd >= 0) return PBS_OK;
+    pbs_code rc = pbs_fail_errno(err, "%s", path);
+    free(out->temporary);
+    out->temporary = NULL;
+    return rc;
+}
+
+pbs_code pbs_output_open(pbs_run *run, const char *path, pbs_output *out, pbs_err *err) {
+    memset(out, 0, sizeof *out);
+    out->fd = -1;
+    bool standard = !path || !strcmp(path, "-");
+    snprintf(out->name, sizeof out->name, "%s", standard ? "standard output" : path);
+    pbs_code rc = PBS_OK;
+    if (!standard) rc = open_file(path, out, err);
+    else if (isatty(1))
+        rc = pbs_fail(err, PBS_USAGE, "standard output is a terminal: give -o FILE or a pipe");
+    else if ((out->fd = dup(1)) < 0) rc = pbs_fail_errno(err, "%s", out->name);
+    if (!rc) rc = take_buffer(run, out, err);
+    if (rc) pbs_output_close(out);
+    return rc;
+}
+
+pbs_code pbs_output_spool(pbs_run *run, pbs_output *out, pbs_err *err) {
+    memset(out, 0, sizeof *out);
+    const char *dir = getenv("TMPDIR");
+    if (!dir || !*dir) dir = "/tmp";
+    snprintf(out->name, sizeof out->name, "temporary file in %s", dir);
+    char path[4096];
+    snprintf(path, sizeof path, "%s/pbs-XXXXXX", dir);
+    out->fd = mkostemp(path, O_CLOEXEC);
+    if (out->fd < 0) return pbs_fail_errno(err, "%s", out->name);
+    unlink(path);
+    out->seekable = true;
+    pbs_code rc = take_buffer(run, out, err);
+    if (rc) pbs_output_close(out);
+    return rc;
+}
+
+static pbs_code write_fully(pbs_output *out, const uint8_t *p, size_t n, pbs_err *err) {
+    while (n) {
+        ssize_t w = write(out->fd, p, n);
+        if (w < 0 && errno == EINTR) {
+            pbs_code rc = pbs_run_check(out->run, err);
+            if (rc) return rc;
+            continue;
+        }
+        if (w < 0) return pbs_fail_errno(err, "%s", out->name);
+        p += w;
+        n -= (size_t)w;
+    }
+    return PBS_OK;
+}
+
+pbs_code pbs_output_flush(pbs_output *out, pbs_err *err) {
+    size_t n = out->buffered;
+    out->buffered = 0;
+    return write_fully(out, out->buffer, n, err);
+}
+
+pbs_code pbs_output_write(pbs_output *out, const void *bytes, size_t n, pbs_err *err) {
+    if (out->buffered + n > BUFFER) {
+        pbs_code rc = pbs_output_flush(out, err);
+        if (rc) return rc;
+    }
+    out->written += n;
+    if (n > BUFFER) return write_fully(out, bytes, n, err);
+    if (n) memcpy(out->buffer + out->buffered, bytes, n);
+    out->buffered += n;
+    return PBS_OK;
+}
+
+pbs_code pbs_output_patch(pbs_output *out, uint64_t at, const void *bytes, size_t n,
+                          pbs_err *err) {
+    pbs_code rc = pbs_output_flush(out, err);
+    if (rc) return rc;
+    for (size_t done = 0; done < n;) {
+        ssize_t w = pwrite(out->fd, (const char *)bytes + done, n - done, (off_t)(at + done));
+        if (w < 0 && errno == EINTR) continue;
+        if (w < 0) return pbs_fail_errno(err, "%s", out->name);
+        done += (size_t)w;
+    }
+    return PBS_OK;
+}
+
+/* linkat cannot replace a file, so a nameless file gets a name beside first. */
+static pbs_code give_name(pbs_output *out) {
+    if (out->temporary) return PBS_OK;
+    if (!(out->temporary = beside(out->path))) return PBS_LIMIT;
+    char self[64];
+    snprintf(self, sizeof self, "/proc/self/fd/%d", out->fd);
+    unlink(out->temporary);
+    if (!linkat(AT_FDCWD, self, AT_FDCWD, out->temporary, AT_SYMLINK_FOLLOW)) return PBS_OK;
+    free(out->temporary);
+    out->temporary = NULL;
+    return PBS_IO;
+}
+
+pbs_code pbs_output_commit(pbs_output *out, pbs_err *err) {
+    pbs_code rc = pbs_output_flush(out, err);
+    if (!rc) rc = pbs_run_check(out->run, err);
+    if (rc || !out->path) return rc;
+    if (give_name(out)) return pbs_fail_errno(err, "%s", out->name);
+    /* A network file system may report a full disk only when it is closed. */
+    int fd = out->fd;
+    out->fd = -1;
+    if (close(fd)) return pbs_fail_errno(err, "%s", out->name);
+    if (rename(out->temporary, out->path)) return pbs_fail_errno(err, "%s", out->name);
+    free(out->temporary);
+    out->temporary = NULL;
+    return PBS_OK;
+}
+
+void pbs_output_close(pbs_output *out) {
+    if (out->fd >= 0) close(out->fd);
+    if (out->temporary) unlink(out->temporary);
+    free(out->temporary);
+    free(out->path);
+    if (out->run) pbs_free(out->run, out->buffer);
+    memset(out, 0, sizeof *out);
+    out->fd = -1;
+}
+
+pbs_code pbs_output_reopen(pbs_output *out, pbs_input *in, pbs_err *err) {
+    memset(in, 0, sizeof *in);
+    in->fd = -1;
+    pbs_code rc = pbs_output_flush(out, err);
+    if (!rc) {
+        in->run = out->run;
+        in->size = out->written;
+        memcpy(in->name, out->name, sizeof in->name);
+        if (map_fd(out->fd, in->size, &in->bytes)) rc = pbs_fail_errno(err, "%s: map", out->name);
+    }
+    if (!rc) in->fd = dup(out->fd), in->mapped = true;
+    pbs_output_close(out);
+    return rc;
+}

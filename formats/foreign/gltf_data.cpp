@@ -1,0 +1,227 @@
+/* gltf_data.cpp: from a claim in the JSON to bytes that are there: files, buffers, accessors. */
+#include "formats/foreign/gltf.hpp"
+#include <cerrno>
+#include <cstring>
+#include <fcntl.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+namespace pbs::gltf {
+
+typedef unsigned long long ull;
+
+mapping::~mapping() {
+    if (view_.data) munmap((void *)view_.data, view_.size);
+}
+
+bool mapping::open(const std::string &path) {
+    /* Not blocking: the name may be a pipe's. */
+    int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+    if (fd < 0) return false;
+    struct stat st;
+    void *p = MAP_FAILED;
+    if (fstat(fd, &st) == 0 && S_ISREG(st.st_mode) && st.st_size > 0)
+        p = mmap(nullptr, (size_t)st.st_size, PROT_READ, MAP_PRIVATE, fd, 0);
+    else errno = EINVAL;
+    int keep = errno;
+    close(fd);
+    errno = keep;
+    if (p == MAP_FAILED) return false;
+    view_ = {(const uint8_t *)p, (uint64_t)st.st_size};
+    return true;
+}
+
+static int hex_digit(char c) {
+    return c >= '0' && c <= '9' ? c - '0' : (c | 32) >= 'a' && (c | 32) <= 'f' ? (c | 32) - 'a' + 10 : -1;
+}
+
+static std::string percent_decode(const std::string &s) {
+    std::string out;
+    for (size_t i = 0; i < s.size(); i++) {
+        int hi = s[i] == '%' && i + 2 < s.size() ? hex_digit(s[i + 1]) : -1;
+        int lo = hi >= 0 ? hex_digit(s[i + 2]) : -1;
+        if (lo >= 0) i += 2;
+        out += lo >= 0 ? (char)(hi << 4 | lo) : s[i];
+    }
+    return out;
+}
+
+static bool has_scheme(const std::string &uri) {
+    size_t n = uri.find_first_not_of(
+        "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+-.");
+    return n != uri.npos && n > 0 && uri[n] == ':';
+}
+
+/* A file beside the scene. As the standard has it; then as exporters write it, with a name that
+ * was never encoded, or with the slashes of another system. */
+bool reader::find_file(const std::string &uri, mapping &file) {
+    if (uri.empty() || has_scheme(uri) || uri[0] == '/') return errno = EINVAL, false;
+    std::string plain = percent_decode(uri), slashes = plain;
+    for (char &c : slashes)
+        if (c == '\\') c = '/';
+    if (file.open(folder_ + plain)) return true;
+    int first = errno;
+    if (plain != uri && file.open(folder_ + uri)) return true;
+    if (slashes != plain && slashes[0] != '/' && file.open(folder_ + slashes)) return true;
+    errno = first;
+    return false;
+}
+
+const bytes &reader::buffer(int i) {
+    if (i < 0 || (size_t)i >= doc_.buffers.size())
+        fail(err_, PBS_DATA, "buffer %d, but there are %zu", i, doc_.buffers.size());
+    loaded_buffer &b = buffers_[(size_t)i];
+    const buffer_entry &e = doc_.buffers[(size_t)i];
+    if (b.loaded) return b.view;
+    if (e.has_uri && is_data_uri(e.uri)) {
+        b.decoded = decode_data_uri(run_, e.uri, &b.view.size, err_);
+        b.view.data = b.decoded.data();
+    } else if (e.has_uri) {
+        std::string uri = unescape(e.uri);
+        if (!find_file(uri, b.file))
+            fail(err_, PBS_DATA, "buffer %d: %.200s: %s", i, uri.c_str(),
+                 errno == EINVAL ? "not a file beside the scene" : strerror(errno));
+        b.view = b.file.view();
+    } else if (i == 0 && doc_.bin.data) {
+        b.view = doc_.bin;
+    } else {
+        fail(err_, PBS_DATA, "buffer %d has no data%s", i,
+             e.fallback ? ": EXT_meshopt_compression is not supported" : "");
+    }
+    if (b.view.size < e.length)
+        fail(err_, PBS_DATA, "buffer %d has %llu bytes of %llu: it is cut off", i,
+             (ull)b.view.size, (ull)e.length);
+    b.view.size = e.length;
+    b.loaded = true;
+    return b.view;
+}
+
+bytes reader::slice(int view, uint64_t offset, uint64_t length) {
+    if (view < 0 || view >= view_count_)
+        fail(err_, PBS_DATA, "bufferView %d, but there are %d", view, view_count_);
+    const tinygltf::BufferView &v = model_.bufferViews[(size_t)view];
+    const bytes &b = buffer(v.buffer);
+    if (v.byteOffset > b.size || v.byteLength > b.size - v.byteOffset)
+        fail(err_, PBS_DATA, "bufferView %d: %llu bytes at %llu, but buffer %d has %llu", view,
+             (ull)v.byteLength, (ull)v.byteOffset, v.buffer, (ull)b.size);
+    if (offset > v.byteLength || length > v.byteLength - offset)
+        fail(err_, PBS_DATA, "%llu bytes at %llu are needed, but bufferView %d has %llu",
+             (ull)length, (ull)offset, view, (ull)v.byteLength);
+    return {b.data + v.byteOffset + offset, length};
+}
+
+uint32_t component_size(int type) {
+    switch (type) {
+    case TINYGLTF_COMPONENT_TYPE_BYTE:
+    case TINYGLTF_COMPONENT_TYPE_UNSIGNED_BYTE: return 1;
+    case TINYGLTF_COMPONENT_TYPE_SHORT:
+    case TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT: return 2;
+    case TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT:
+    case TINYGLTF_COMPONENT_TYPE_FLOAT: return 4;
+    default: return 0;
+    }
+}
+
+/* Zeros that need no data may be as many as somebody likes to write: 20 bytes of JSON must not
+ * keep us busy for an hour. */
+static const uint64_t max_without_data = 1 << 24;
+
+void reader::open_sparse(stream &s, const tinygltf::Accessor &a) {
+    const auto &sp = a.sparse;
+    int type = sp.indices.componentType;
+    uint32_t width = component_size(type);
+    if (type != TINYGLTF_COMPONENT_TYPE_UNSIGNED_BYTE &&
+        type != TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT &&
+        type != TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT)
+        fail(err_, PBS_DATA, "sparse indices of type %d", type);
+    if (sp.count < 0 || sp.indices.byteOffset < 0 || sp.values.byteOffset < 0)
+        fail(err_, PBS_DATA, "a negative number in sparse");
+    auto n = (uint64_t)sp.count;
+    s.where = slice(sp.indices.bufferView, (uint64_t)sp.indices.byteOffset, n * width).data;
+    s.values = slice(sp.values.bufferView, (uint64_t)sp.values.byteOffset, n * s.element).data;
+    s.where_type = type;
+    s.sparse_count = n;
+    int64_t last = -1;
+    for (uint64_t j = 0; j < n; j++) {
+        int64_t i = load_index(s.where + j * width, type);
+        if (i <= last || (uint64_t)i >= s.count)
+            fail(err_, PBS_DATA, "sparse index %lld at place %llu: out of order or range",
+                 (long long)i, (ull)j);
+        last = i;
+    }
+}
+
+stream reader::open_stream(int accessor) {
+    static const uint8_t zeros[64] = {0};
+    if (accessor < 0 || (size_t)accessor >= model_.accessors.size())
+        fail(err_, PBS_DATA, "accessor %d, but there are %zu", accessor, model_.accessors.size());
+    const tinygltf::Accessor &a = model_.accessors[(size_t)accessor];
+    stream s;
+    in("accessor", accessor, a.name, [&] {
+        uint32_t width = component_size(a.componentType);
+        if (!width) fail(err_, PBS_DATA, "component type %d", a.componentType);
+        s.type = a.componentType;
+        s.components = tinygltf::GetNumComponentsInType((uint32_t)a.type);
+        s.element = width * (uint32_t)s.components;
+        s.normalized = a.normalized;
+        s.count = a.count;
+        if (a.bufferView == view_count_) {
+            if (s.count > max_without_data)
+                fail(err_, PBS_DATA, "%llu elements without data", (ull)s.count);
+            s.data = zeros;
+        } else {
+            uint64_t stride = a.bufferView >= 0 && a.bufferView < view_count_
+                                  ? model_.bufferViews[(size_t)a.bufferView].byteStride : 0;
+            s.stride = stride ? stride : s.element;
+            uint64_t length = 0;
+            if (s.count && (__builtin_mul_overflow(s.count - 1, s.stride, &length) ||
+                            __builtin_add_overflow(length, s.element, &length)))
+                fail(err_, PBS_DATA, "%llu elements", (ull)s.count);
+            s.data = slice(a.bufferView, a.byteOffset, length).data;
+        }
+        if (a.sparse.isSparse) open_sparse(s, a);
+    });
+    return s;
+}
+
+const uint8_t *stream::at(uint64_t i) const {
+    if (!sparse_count) return data + i * stride;
+    uint64_t lo = 0, hi = sparse_count;
+    uint32_t width = component_size(where_type);
+    while (lo < hi) {
+        uint64_t mid = (lo + hi) / 2;
+        if (load_index(where + mid * width, where_type) < i) lo = mid + 1;
+        else hi = mid;
+    }
+    if (lo < sparse_count && load_index(where + lo * width, where_type) == i)
+        return values + lo * element;
+    return data + i * stride;
+}
+
+template <class T>
+static void convert(const uint8_t *p, int n, bool normalized, double scale, double *out) {
+    for (int k = 0; k < n; k++) {
+        T v;
+        memcpy(&v, p + (size_t)k * sizeof v, sizeof v);
+        double d = (double)v / (normalized ? scale : 1);
+        out[k] = normalized && d < -1 ? -1 : d;
+    }
+}
+
+void stream::get(uint64_t i, double *out) const {
+    const uint8_t *p = at(i);
+    switch (type) {
+    case TINYGLTF_COMPONENT_TYPE_FLOAT: return convert<float>(p, components, false, 1, out);
+    case TINYGLTF_COMPONENT_TYPE_BYTE: return convert<int8_t>(p, components, normalized, 127, out);
+    case TINYGLTF_COMPONENT_TYPE_UNSIGNED_BYTE:
+        return convert<uint8_t>(p, components, normalized, 255, out);
+    case TINYGLTF_COMPONENT_TYPE_SHORT:
+        return convert<int16_t>(p, components, normalized, 32767, out);
+    case TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT:
+        return convert<uint16_t>(p, components, normalized, 65535, out);
+    default: return convert<uint32_t>(p, components, normalized, 4294967295.0, out);
+    }
+}
+
+} // namespace pbs::gltf

@@ -1,0 +1,291 @@
+#include "formats/meshbuild.h"
+#include "formats/wire.h"
+#include <stdlib.h>
+#include <string.h>
+
+/* Payload of a MESH chunk: u32 vertices, triangles, arrays, material; then, each if its bit is
+ * set, position f32x3, normal i16x2, uv f32x2, colour u8x4 a vertex, material u32 a triangle; at
+ * last index u16x3 a triangle. */
+enum { HEAD = 16, HAS_NORMAL = 1, HAS_UV = 2, HAS_COLOUR = 4, HAS_MATERIAL = 8, HAS_ALL = 15 };
+
+#define SLOTS (4u * PBS_MESH_VERTICES) /* of the hash table: a quarter full at most */
+
+typedef struct vertex {
+    float position[3], uv[2];
+    int16_t normal[2];
+    uint8_t colour[4];
+} vertex; /* 28 bytes, no padding: compared and hashed as bytes */
+
+struct pbs_builder {
+    pbs_run *run;
+    pbs_writer *w;
+    uint32_t node, corners;
+    double origin[3];
+    pbs_box box;
+    uint64_t part_triangles, skipped[PBS_SKIP_KINDS];
+    uint32_t vertices, triangles;
+    bool mixed, has_normal; /* materials differ; any corner had a normal */
+    uint32_t generation;
+    uint32_t *slot;       /* vertex + 1 */
+    uint32_t *slot_stamp; /* generation in which slot is valid: clearing costs nothing */
+    vertex *vertex;
+    uint16_t *index;
+    uint32_t *material;
+    uint8_t *payload;
+};
+
+pbs_code pbs_builder_new(pbs_run *run, pbs_writer *w, pbs_builder **out, pbs_err *err) {
+    pbs_builder *b = *out = calloc(1, sizeof *b);
+    if (!b) return pbs_fail(err, PBS_LIMIT, "no memory");
+    b->run = run;
+    b->w = w;
+    const char *what = "the mesh builder";
+    pbs_code rc = pbs_alloc(run, &b->slot, SLOTS, 4, what, err);
+    if (!rc) rc = pbs_alloc(run, &b->slot_stamp, SLOTS, 4, what, err);
+    if (!rc) rc = pbs_alloc(run, &b->vertex, PBS_MESH_VERTICES, sizeof(vertex), what, err);
+    if (!rc) rc = pbs_alloc(run, &b->index, PBS_MESH_TRIANGLES * 3, 2, what, err);
+    if (!rc) rc = pbs_alloc(run, &b->material, PBS_MESH_TRIANGLES, 4, what, err);
+    if (!rc) rc = pbs_alloc(run, &b->payload, PBS_MESH_VERTICES, 28, what, err);
+    if (!rc) memset(b->slot_stamp, 0, SLOTS * sizeof *b->slot_stamp);
+    if (!rc) return PBS_OK;
+    pbs_builder_free(b);
+    *out = NULL;
+    return rc;
+}
+
+void pbs_builder_free(pbs_builder *b) {
+    if (!b) return;
+    pbs_free(b->run, b->slot);
+    pbs_free(b->run, b->slot_stamp);
+    pbs_free(b->run, b->vertex);
+    pbs_free(b->run, b->index);
+    pbs_free(b->run, b->material);
+    pbs_free(b->run, b->payload);
+    free(b);
+}
+
+static void start_mesh(pbs_builder *b) {
+    b->vertices = b->triangles = 0;
+    b->mixed = b->has_normal = false;
+    if (!++b->generation) { /* wrapped: stamps of 2^32 meshes ago would look valid */
+        memset(b->slot_stamp, 0, SLOTS * sizeof *b->slot_stamp);
+        b->generation = 1;
+    }
+}
+
+void pbs_builder_begin(pbs_builder *b, uint32_t node, const double origin[3], uint32_t corners) {
+    b->node = node;
+    b->corners = corners;
+    memcpy(b->origin, origin, sizeof b->origin);
+    b->box = PBS_BOX_EMPTY;
+    b->part_triangles = 0;
+    start_mesh(b);
+}
+
+/* ---- emitting ---- */
+
+static uint8_t *put_vertices(const pbs_builder *b, uint8_t *p, uint32_t arrays) {
+    for (uint32_t i = 0; i < b->vertices; i++, p += 12) memcpy(p, b->vertex[i].position, 12);
+    if (arrays & HAS_NORMAL)
+        for (uint32_t i = 0; i < b->vertices; i++, p += 4) memcpy(p, b->vertex[i].normal, 4);
+    if (arrays & HAS_UV)
+        for (uint32_t i = 0; i < b->vertices; i++, p += 8) memcpy(p, b->vertex[i].uv, 8);
+    if (arrays & HAS_COLOUR)
+        for (uint32_t i = 0; i < b->vertices; i++, p += 4) memcpy(p, b->vertex[i].colour, 4);
+    return p;
+}
+
+static pbs_code emit(pbs_builder *b, pbs_err *err) {
+    if (!b->triangles) return PBS_OK;
+    uint32_t arrays = (b->corners & PBS_CORNER_NORMAL && b->has_normal ? HAS_NORMAL : 0u) |
+                      (b->corners & PBS_CORNER_UV ? HAS_UV : 0u) |
+                      (b->corners & PBS_CORNER_COLOUR ? HAS_COLOUR : 0u) |
+                      (b->mixed ? HAS_MATERIAL : 0u);
+    uint8_t head[HEAD];
+    pbs_put_u32(head, b->vertices);
+    pbs_put_u32(head + 4, b->triangles);
+    pbs_put_u32(head + 8, arrays);
+    pbs_put_u32(head + 12, b->mixed ? PBS_NONE : b->material[0]);
+    uint8_t *end = put_vertices(b, b->payload, arrays);
+    pbs_piece piece[4] = {{head, HEAD},
+                          {b->payload, (size_t)(end - b->payload)},
+                          {b->material, b->mixed ? b->triangles * 4ul : 0},
+                          {b->index, b->triangles * 6ul}};
+    pbs_chunk c = {.tag = PBS_TAG_MESH,
+                   .node = b->node,
+                   .count = b->triangles,
+                   .first = (uint32_t)b->part_triangles};
+    b->part_triangles += b->triangles;
+    pbs_code rc = pbs_writer_chunk(b->w, &c, piece, 4, err);
+    start_mesh(b);
+    return rc;
+}
+
+/* ---- taking ---- */
+
+static uint32_t hash(const vertex *v) {
+    uint64_t h = 0x9e3779b97f4a7c15u, w[4] = {0};
+    memcpy(w, v, sizeof *v);
+    for (int i = 0; i < 4; i++) {
+        h = (h ^ w[i]) * 0xd6e8feb86659fd93u;
+        h ^= h >> 32;
+    }
+    return (uint32_t)h;
+}
+
+/* The number of the vertex, which is new if no equal one is there. */
+static uint16_t weld(pbs_builder *b, const vertex *v) {
+    uint32_t s = hash(v) & (SLOTS - 1);
+    while (b->slot_stamp[s] == b->generation) {
+        if (!memcmp(&b->vertex[b->slot[s]], v, sizeof *v)) return (uint16_t)b->slot[s];
+        s = (s + 1) & (SLOTS - 1);
+    }
+    b->slot_stamp[s] = b->generation;
+    b->slot[s] = b->vertices;
+    b->vertex[b->vertices] = *v;
+    return (uint16_t)b->vertices++;
+}
+
+/* A corner without a usable normal gets the triangle's. */
+static void corner_normal(vertex v[3], const pbs_corner c[3]) {
+    float face[3], a[3], d[3];
+    bool have_face = false;
+    for (int i = 0; i < 3; i++) {
+        const float *n = c[i].normal;
+        float l = n[0] * n[0] + n[1] * n[1] + n[2] * n[2];
+        if (l > 0 && l < INFINITY) {
+            pbs_oct_encode(v[i].normal, n);
+            continue;
+        }
+        for (int k = 0; k < 3 && !have_face; k++) {
+            a[k] = (float)(c[1].position[k] - c[0].position[k]);
+            d[k] = (float)(c[2].position[k] - c[0].position[k]);
+        }
+        if (!have_face)
+            for (int k = 0; k < 3; k++)
+                face[k] = a[(k + 1) % 3] * d[(k + 2) % 3] - a[(k + 2) % 3] * d[(k + 1) % 3];
+        have_face = true;
+        pbs_oct_encode(v[i].normal, face);
+    }
+}
+
+/* Positions to float; -0 becomes 0, so that equal numbers are equal bits. */
+static bool corner_positions(const pbs_builder *b, vertex v[3], const pbs_corner c[3]) {
+    for (int i = 0; i < 3; i++)
+        for (int k = 0; k < 3; k++) {
+            float p = (float)(c[i].position[k] - b->origin[k]) + 0.0f;
+            if (!isfinite(p)) return false;
+            v[i].position[k] = p;
+        }
+    return true;
+}
+
+/* Exactly no area: two equal corners, or three on a line along which the products are exact. A
+ * needle that has any area stays. */
+static bool is_degenerate(const vertex v[3]) {
+    if (!memcmp(v[0].position, v[1].position, 12) || !memcmp(v[1].position, v[2].position, 12) ||
+        !memcmp(v[0].position, v[2].position, 12))
+        return true;
+    double a[3], d[3];
+    for (int k = 0; k < 3; k++) {
+        a[k] = (double)v[1].position[k] - v[0].position[k];
+        d[k] = (double)v[2].position[k] - v[0].position[k];
+    }
+    return a[1] * d[2] == a[2] * d[1] && a[2] * d[0] == a[0] * d[2] && a[0] * d[1] == a[1] * d[0];
+}
+
+static void corner_rest(const pbs_builder *b, vertex v[3], const pbs_corner c[3]) {
+    if (b->corners & PBS_CORNER_NORMAL) corner_normal(v, c);
+    for (int i = 0; i < 3; i++) {
+        if (b->corners & PBS_CORNER_UV)
+            for (int k = 0; k < 2; k++) v[i].uv[k] = isfinite(c[i].uv[k]) ? c[i].uv[k] + 0.0f : 0;
+        if (b->corners & PBS_CORNER_COLOUR) memcpy(v[i].colour, c[i].colour, 4);
+    }
+}
+
+pbs_code pbs_builder_triangle(pbs_builder *b, const pbs_corner c[3], uint32_t material,
+                              pbs_err *err) {
+    vertex v[3];
+    memset(v, 0, sizeof v);
+    if (!corner_positions(b, v, c)) {
+        b->skipped[PBS_SKIP_NONFINITE]++;
+        return PBS_OK;
+    }
+    if (is_degenerate(v)) {
+        b->skipped[PBS_SKIP_DEGENERATE]++;
+        return PBS_OK;
+    }
+    if (b->vertices > PBS_MESH_VERTICES - 3 || b->triangles == PBS_MESH_TRIANGLES) {
+        pbs_code rc = pbs_run_check(b->run, err);
+        if (!rc) rc = emit(b, err);
+        if (rc) return rc;
+    }
+    corner_rest(b, v, c);
+    for (int i = 0; i < 3; i++) {
+        double p[3];
+        for (int k = 0; k < 3; k++) p[k] = b->origin[k] + v[i].position[k];
+        pbs_box_add(&b->box, p);
+        const float *n = c[i].normal;
+        b->has_normal = b->has_normal || n[0] * n[0] + n[1] * n[1] + n[2] * n[2] > 0;
+        b->index[3 * b->triangles + i] = weld(b, &v[i]);
+    }
+    b->material[b->triangles] = material;
+    b->mixed = b->mixed || material != b->material[0];
+    b->triangles++;
+    return PBS_OK;
+}
+
+pbs_code pbs_builder_end(pbs_builder *b, uint64_t *triangles, pbs_box *box, pbs_err *err) {
+    pbs_code rc = emit(b, err);
+    *triangles = b->part_triangles;
+    *box = b->box;
+    return rc;
+}
+
+void pbs_builder_skips(const pbs_builder *b, uint64_t skipped[PBS_SKIP_KINDS]) {
+    for (int i = 0; i < PBS_SKIP_KINDS; i++) skipped[i] += b->skipped[i];
+}
+
+/* ---- parsing ---- */
+
+static bool indices_fit(const uint16_t *index, size_t n, uint32_t vertices) {
+    uint16_t max = 0;
+    for (size_t i = 0; i < n; i++) max = index[i] > max ? index[i] : max;
+    return max < vertices;
+}
+
+static bool all_finite(const float *v, size_t n) {
+    float sum = 0; /* 0 * x is 0 for finite x, else NaN */
+    for (size_t i = 0; i < n; i++) sum += 0 * v[i];
+    return sum == 0;
+}
+
+pbs_code pbs_mesh_parse(const char *place, const pbs_chunk *c, pbs_mesh *m, pbs_err *err) {
+    const uint8_t *p = c->payload, *end = p + c->bytes;
+    memset(m, 0, sizeof *m);
+    if (c->bytes < HEAD) goto bad;
+    m->vertices = pbs_get_u32(p);
+    m->triangles = pbs_get_u32(p + 4);
+    uint32_t arrays = pbs_get_u32(p + 8);
+    m->material = pbs_get_u32(p + 12);
+    p += HEAD;
+    if (m->vertices > PBS_MESH_VERTICES || m->triangles > PBS_MESH_TRIANGLES ||
+        m->triangles != c->count || arrays > HAS_ALL)
+        goto bad;
+    uint64_t v = m->vertices, t = m->triangles;
+    uint64_t size = 12 * v + (arrays & HAS_NORMAL ? 4 * v : 0) + (arrays & HAS_UV ? 8 * v : 0) +
+                    (arrays & HAS_COLOUR ? 4 * v : 0) + (arrays & HAS_MATERIAL ? 4 * t : 0) + 6 * t;
+    if (size != (uint64_t)(end - p)) goto bad;
+    m->position = (const float *)p, p += 12 * v;
+    if (arrays & HAS_NORMAL) m->normal = (const int16_t *)p, p += 4 * v;
+    if (arrays & HAS_UV) m->uv = (const float *)p, p += 8 * v;
+    if (arrays & HAS_COLOUR) m->colour = p, p += 4 * v;
+    if (arrays & HAS_MATERIAL) m->triangle_material = (const uint32_t *)p, p += 4 * t;
+    m->index = (const uint16_t *)p;
+    if (!indices_fit(m->index, 3 * t, m->vertices) || !all_finite(m->position, 3 * v) ||
+        (m->uv && !all_finite(m->uv, 2 * v)))
+        goto bad;
+    return PBS_OK;
+bad:
+    return pbs_fail(err, PBS_DATA, "%s: a mesh of node %u is damaged", place, c->node);
+}

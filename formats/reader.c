@@ -1,0 +1,375 @@
+/* reader.c: the container, read front to back or through its directory. Every byte of a file is
+ * covered by a checksum or known to be zero, so that a flipped bit anywhere is found. */
+#include "formats/container.h"
+#include "formats/layout.h"
+#include "formats/wire.h"
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+struct pbs_reader {
+    pbs_run *run;
+    pbs_input in;
+    pbs_kind kind;
+    char *text, *channels, *history;
+    uint64_t at, header_bytes;
+    uint64_t chunks, pages; /* seen so far */
+    uint64_t dir_at, dir_end; /* where directory pages were seen */
+    uint32_t chain;
+    uint8_t *buffer; /* payload of a piped chunk */
+    size_t buffer_cap;
+    pbs_chunk *entries;
+    size_t entry_count;
+    bool ended;
+};
+
+static pbs_code bad(const pbs_reader *r, pbs_err *err, const char *what) {
+    return pbs_fail(err, PBS_DATA, "%s: byte %llu: %s", r->in.name, (unsigned long long)r->at,
+                    what);
+}
+
+/* n bytes at r->at: from the map, or read into to. */
+static pbs_code fetch(pbs_reader *r, uint8_t *to, size_t n, const uint8_t **out, pbs_err *err) {
+    if (r->in.mapped) {
+        if (r->at > r->in.size || n > r->in.size - r->at) goto cut;
+        *out = r->in.bytes + r->at;
+    } else {
+        size_t got;
+        pbs_code rc = pbs_input_read(&r->in, to, n, &got, err);
+        if (rc) return rc;
+        if (got < n) goto cut;
+        *out = to;
+    }
+    r->at += n;
+    return PBS_OK;
+cut:
+    return bad(r, err, "the file is cut off here");
+}
+
+static bool all_zero(const uint8_t *p, uint64_t n) {
+    while (n--)
+        if (*p++) return false;
+    return true;
+}
+
+bool pbs_is_container(const uint8_t *b, size_t n) {
+    /* The first four bytes; the rest tells whether it came through intact. */
+    return n >= 4 && !memcmp(b, PBS_MAGIC, 4);
+}
+
+/* ---- header ---- */
+
+static pbs_code check_fixed(pbs_reader *r, const uint8_t *h, pbs_err *err) {
+    const char *name = r->in.name;
+    if (all_zero(h, 8)) return pbs_fail(err, PBS_DATA, "%s: was never finished", name);
+    if (!pbs_is_container(h, 8))
+        return pbs_fail(err, PBS_DATA, "%s: not a pbs file (pbs-import reads scene files)", name);
+    if (memcmp(h, PBS_MAGIC, 8))
+        return pbs_fail(err, PBS_DATA, "%s: damaged by a transfer in text mode", name);
+    unsigned major = pbs_get_u16(h + HEADER_MAJOR_AT);
+    uint64_t incompat = pbs_get_u64(h + HEADER_INCOMPAT_AT);
+    if (major > PBS_VERSION_MAJOR)
+        return pbs_fail(err, PBS_DATA, "%s: version %u is newer than this program's %d", name,
+                        major, PBS_VERSION_MAJOR);
+    if (incompat)
+        return pbs_fail(err, PBS_DATA, "%s: uses features (%#llx) that this program does not know",
+                        name, (unsigned long long)incompat);
+    r->header_bytes = pbs_get_u32(h + HEADER_BYTES_AT);
+    if (r->header_bytes < HEADER_FIXED || r->header_bytes > PBS_HEADER_MAX ||
+        r->header_bytes % PBS_ALIGN ||
+        pbs_get_u32(h + HEADER_TEXT_AT) > r->header_bytes - HEADER_FIXED)
+        return pbs_fail(err, PBS_DATA, "%s: the header is damaged", name);
+    return PBS_OK;
+}
+
+/* "pbs KIND VERSION\n", then "channels ...\n", "stage ...\n" in any number. */
+static pbs_code parse_text(pbs_reader *r, pbs_err *err) {
+    char *history = r->history, *save = NULL;
+    r->kind = PBS_KINDS;
+    for (char *line = strtok_r(r->text, "\n", &save); line; line = strtok_r(NULL, "\n", &save)) {
+        if (!strncmp(line, "pbs ", 4))
+            for (int k = 0; k < PBS_KINDS; k++) {
+                size_t n = strlen(pbs_kind_name[k]);
+                if (!strncmp(line + 4, pbs_kind_name[k], n) && line[4 + n] == ' ')
+                    r->kind = (pbs_kind)k;
+            }
+        else if (!strncmp(line, "channels ", 9)) r->channels = line + 9;
+        else history += sprintf(history, "%s\n", line);
+    }
+    if (r->kind == PBS_KINDS)
+        return pbs_fail(err, PBS_DATA, "%s: a kind of pbs file that this program does not know",
+                        r->in.name);
+    return PBS_OK;
+}
+
+static pbs_code check_header(pbs_reader *r, uint8_t *h, pbs_err *err) {
+    uint32_t crc = pbs_get_u32(h + HEADER_CRC_AT);
+    pbs_put_u32(h + HEADER_CRC_AT, 0);
+    size_t n = pbs_get_u32(h + HEADER_TEXT_AT), rest = (size_t)r->header_bytes - HEADER_FIXED;
+    if (crc != pbs_crc32c(0, h, (size_t)r->header_bytes) || memchr(h + HEADER_FIXED, 0, n) ||
+        !all_zero(h + HEADER_FIXED + n, rest - n))
+        return pbs_fail(err, PBS_DATA, "%s: the header is damaged: its checksum differs",
+                        r->in.name);
+    if (!(r->text = strndup((char *)h + HEADER_FIXED, n)) || !(r->history = calloc(1, n + 2)))
+        return pbs_fail(err, PBS_LIMIT, "no memory");
+    return parse_text(r, err);
+}
+
+static pbs_code read_header(pbs_reader *r, pbs_err *err) {
+    uint8_t fixed[HEADER_FIXED], *h;
+    const uint8_t *p;
+    if (r->in.mapped && !r->in.size)
+        return pbs_fail(err, PBS_DATA, "%s: the file is empty", r->in.name);
+    size_t peeked;
+    pbs_code rc = pbs_input_peek(&r->in, &p, &peeked, err);
+    if (rc) return rc;
+    if (!peeked) return pbs_fail(err, PBS_DATA, "%s: is empty", r->in.name);
+    if (peeked < HEADER_FIXED && !pbs_is_container(p, peeked))
+        return pbs_fail(err, PBS_DATA, "%s: not a pbs file", r->in.name);
+    if ((rc = fetch(r, fixed, sizeof fixed, &p, err))) return rc;
+    memcpy(fixed, p, sizeof fixed);
+    if ((rc = check_fixed(r, fixed, err))) return rc;
+    if (!(h = malloc((size_t)r->header_bytes + 1))) return pbs_fail(err, PBS_LIMIT, "no memory");
+    memcpy(h, fixed, sizeof fixed);
+    size_t rest = (size_t)r->header_bytes - sizeof fixed;
+    rc = fetch(r, h + sizeof fixed, rest, &p, err);
+    if (!rc && p != h + sizeof fixed) memcpy(h + sizeof fixed, p, rest);
+    if (!rc) rc = check_header(r, h, err);
+    free(h);
+    return rc;
+}
+
+pbs_code pbs_reader_open(pbs_run *run, pbs_input *in, uint32_t kinds, pbs_reader **out,
+                         pbs_err *err) {
+    pbs_reader *r = *out = calloc(1, sizeof *r);
+    if (!r) {
+        pbs_input_close(in);
+        return pbs_fail(err, PBS_LIMIT, "no memory");
+    }
+    r->run = run;
+    r->in = *in;
+    memset(in, 0, sizeof *in);
+    in->fd = -1;
+    pbs_code rc = read_header(r, err);
+    if (!rc && !(kinds & PBS_KIND(r->kind)))
+        rc = pbs_fail(err, PBS_DATA, "%s: holds %s, which is not what this program reads",
+                      r->in.name, pbs_kind_name[r->kind]);
+    if (!rc) return PBS_OK;
+    pbs_reader_close(r);
+    *out = NULL;
+    return rc;
+}
+
+pbs_code pbs_reader_open_path(pbs_run *run, const char *path, uint32_t kinds, pbs_reader **out,
+                              pbs_err *err) {
+    pbs_input in;
+    *out = NULL;
+    pbs_code rc = pbs_input_open(run, path, &in, err);
+    return rc ? rc : pbs_reader_open(run, &in, kinds, out, err);
+}
+
+/* ---- chunks ---- */
+
+static pbs_code parse_chunk(pbs_reader *r, const uint8_t *h, pbs_chunk *c, pbs_err *err) {
+    if (pbs_crc32c(0, h, CHUNK_SELF_AT) != pbs_get_u32(h + CHUNK_SELF_AT))
+        return bad(r, err, "a chunk's header is damaged: its checksum differs");
+    c->tag = pbs_get_u32(h + CHUNK_TAG_AT);
+    c->flags = pbs_get_u32(h + CHUNK_FLAGS_AT);
+    c->node = pbs_get_u32(h + CHUNK_NODE_AT);
+    c->count = pbs_get_u32(h + CHUNK_COUNT_AT);
+    c->bytes = pbs_get_u64(h + CHUNK_BYTES_AT);
+    c->crc = pbs_get_u32(h + CHUNK_CRC_AT);
+    c->first = pbs_get_u32(h + CHUNK_FIRST_AT);
+    char tag[5];
+    if (c->bytes > PBS_PAYLOAD_MAX)
+        return bad(r, err, "a chunk is larger than the format allows");
+    if (c->flags & 0xff)
+        return pbs_fail(err, PBS_DATA, "%s: chunk %s: codec %u is not known", r->in.name,
+                        pbs_tag_text(c->tag, tag), c->flags & 0xff);
+    return PBS_OK;
+}
+
+static pbs_code fetch_payload(pbs_reader *r, pbs_chunk *c, pbs_err *err) {
+    size_t n = (size_t)(c->bytes + pbs_padding(c->bytes, PBS_ALIGN));
+    pbs_code rc = PBS_OK;
+    const uint8_t *p;
+    if (!r->in.mapped && n > r->buffer_cap) {
+        pbs_free(r->run, r->buffer);
+        r->buffer = NULL;
+        r->buffer_cap = 0;
+        rc = pbs_alloc(r->run, &r->buffer, n, 1, "a chunk's buffer", err);
+        if (rc) return rc;
+        r->buffer_cap = n;
+    }
+    if ((rc = fetch(r, r->buffer, n, &p, err))) return rc;
+    c->payload = c->bytes ? p : NULL;
+    char tag[5];
+    if (pbs_crc32c(0, p, (size_t)c->bytes) != c->crc || !all_zero(p + c->bytes, n - c->bytes))
+        return pbs_fail(err, PBS_DATA, "%s: byte %llu: chunk %s is damaged: its checksum differs",
+                        r->in.name, (unsigned long long)c->offset, pbs_tag_text(c->tag, tag));
+    return PBS_OK;
+}
+
+static pbs_code note_page(pbs_reader *r, const pbs_chunk *c, pbs_err *err) {
+    if (!r->pages++) r->dir_at = c->offset;
+    else if (c->offset != r->dir_end) return bad(r, err, "directory pages that are apart");
+    r->dir_end = r->at;
+    return PBS_OK;
+}
+
+static pbs_code check_footer(pbs_reader *r, const uint8_t *f, pbs_err *err) {
+    if (pbs_crc32c(0, f, FOOTER_CRC_AT) != pbs_get_u32(f + FOOTER_CRC_AT))
+        return bad(r, err, "the footer is damaged: its checksum differs");
+    if (pbs_get_u64(f + FOOTER_CHUNKS_AT) != r->chunks ||
+        pbs_get_u32(f + FOOTER_CHAIN_AT) != r->chain)
+        return bad(r, err, "chunks are missing, doubled or changed");
+    if (!r->pages || pbs_get_u64(f + FOOTER_DIR_AT) != r->dir_at ||
+        pbs_get_u64(f + FOOTER_DIR_BYTES_AT) != r->dir_end - r->dir_at)
+        return bad(r, err, "the directory is not where the footer says");
+    if (pbs_get_u64(f + FOOTER_FILE_AT) != r->at) return bad(r, err, "the length is wrong");
+    uint8_t one;
+    size_t got = 0;
+    if (r->in.mapped) got = r->in.size > r->at;
+    else if (pbs_input_read(&r->in, &one, 1, &got, err)) return err->code;
+    if (got) return bad(r, err, "more bytes follow the end of the file");
+    r->ended = true;
+    return PBS_OK;
+}
+
+/* A footer is told from a chunk by its last eight bytes, which in a chunk header are a sequence
+ * number and a checksum of everything before: they do not agree by chance. */
+static bool is_footer(const uint8_t *h) { return !memcmp(h + FOOTER_MAGIC_AT, PBS_END, 8); }
+
+static pbs_code next_any(pbs_reader *r, pbs_chunk *c, bool *end, pbs_err *err) {
+    uint8_t fixed[CHUNK_FIXED];
+    const uint8_t *h;
+    memset(c, 0, sizeof *c);
+    c->offset = r->at;
+    *end = r->ended;
+    if (r->ended) return PBS_OK;
+    pbs_code rc = fetch(r, fixed, sizeof fixed, &h, err);
+    if (rc) return rc;
+    if (is_footer(h)) {
+        *end = true;
+        return check_footer(r, h, err);
+    }
+    if ((rc = parse_chunk(r, h, c, err))) return rc;
+    bool page = c->tag == PBS_TAG_DIR;
+    if (pbs_get_u32(h + CHUNK_SEQUENCE_AT) != (uint32_t)(page ? r->pages : r->chunks))
+        return bad(r, err, "a chunk is missing or doubled");
+    if (!page) {
+        r->chain = pbs_crc32c(r->chain, h, CHUNK_FIXED);
+        r->chunks++;
+    }
+    rc = fetch_payload(r, c, err);
+    return rc || !page ? rc : note_page(r, c, err);
+}
+
+pbs_code pbs_reader_next(pbs_reader *r, pbs_chunk *c, bool *end, pbs_err *err) {
+    pbs_code rc;
+    do {
+        rc = pbs_run_check(r->run, err);
+        if (!rc) rc = next_any(r, c, end, err);
+    } while (!rc && !*end && c->tag == PBS_TAG_DIR);
+    return rc;
+}
+
+/* ---- directory ---- */
+
+static pbs_code read_page(pbs_reader *r, uint64_t page, uint64_t total, pbs_err *err) {
+    pbs_chunk c;
+    const uint8_t *h;
+    c.offset = r->at;
+    pbs_code rc = fetch(r, NULL, CHUNK_FIXED, &h, err);
+    if (!rc) rc = parse_chunk(r, h, &c, err);
+    if (!rc) rc = fetch_payload(r, &c, err);
+    if (rc) return rc;
+    const uint8_t *p = c.payload;
+    if (c.tag != PBS_TAG_DIR || c.bytes < PAGE_FIXED || pbs_get_u32(p) != page ||
+        pbs_get_u64(p + 8) != total || (c.bytes - PAGE_FIXED) / ENTRY_SIZE != c.count ||
+        c.count > total - r->entry_count || (!c.count && total))
+        return bad(r, err, "the directory is damaged");
+    for (uint32_t i = 0; i < c.count; i++) {
+        const uint8_t *e = p + PAGE_FIXED + (size_t)i * ENTRY_SIZE;
+        r->entries[r->entry_count++] = (pbs_chunk){.tag = pbs_get_u32(e + ENTRY_TAG_AT),
+                                                   .flags = pbs_get_u32(e + ENTRY_FLAGS_AT),
+                                                   .node = pbs_get_u32(e + ENTRY_NODE_AT),
+                                                   .count = pbs_get_u32(e + ENTRY_COUNT_AT),
+                                                   .offset = pbs_get_u64(e + ENTRY_OFFSET_AT),
+                                                   .bytes = pbs_get_u64(e + ENTRY_BYTES_AT),
+                                                   .crc = pbs_get_u32(e + ENTRY_CRC_AT),
+                                                   .first = pbs_get_u32(e + ENTRY_FIRST_AT)};
+    }
+    return PBS_OK;
+}
+
+static pbs_code read_directory(pbs_reader *r, pbs_err *err) {
+    const uint8_t *f = r->in.bytes + r->in.size - FOOTER_FIXED;
+    r->at = r->in.size;
+    if (r->in.size < r->header_bytes + FOOTER_FIXED || !is_footer(f))
+        return bad(r, err, "the file is cut off here: it has no footer");
+    if (pbs_crc32c(0, f, FOOTER_CRC_AT) != pbs_get_u32(f + FOOTER_CRC_AT))
+        return bad(r, err, "the footer is damaged: its checksum differs");
+    uint64_t dir = pbs_get_u64(f + FOOTER_DIR_AT), bytes = pbs_get_u64(f + FOOTER_DIR_BYTES_AT);
+    uint64_t total = pbs_get_u64(f + FOOTER_CHUNKS_AT);
+    if (pbs_get_u64(f + FOOTER_FILE_AT) != r->in.size || dir > r->in.size ||
+        bytes > r->in.size - dir || total > bytes / ENTRY_SIZE)
+        return bad(r, err, "the footer does not fit the file");
+    pbs_code rc = pbs_alloc(r->run, &r->entries, (size_t)total, sizeof *r->entries,
+                            "the directory", err);
+    r->at = dir;
+    for (uint64_t page = 0; !rc && (r->entry_count < total || !page); page++)
+        rc = read_page(r, page, total, err);
+    return rc;
+}
+
+pbs_code pbs_reader_directory(pbs_reader *r, const pbs_chunk **entries, size_t *count,
+                              pbs_err *err) {
+    if (!r->in.mapped) return pbs_fail(err, PBS_INTERNAL, "%s: is not mapped", r->in.name);
+    uint64_t at = r->at;
+    if (!r->entries) {
+        pbs_code rc = read_directory(r, err);
+        r->at = at;
+        if (rc) {
+            pbs_free(r->run, r->entries);
+            r->entries = NULL;
+            r->entry_count = 0;
+            return rc;
+        }
+    }
+    *entries = r->entries;
+    *count = r->entry_count;
+    return PBS_OK;
+}
+
+pbs_code pbs_reader_at(pbs_reader *r, const pbs_chunk *entry, pbs_chunk *c, pbs_err *err) {
+    uint64_t at = r->at;
+    const uint8_t *h = NULL;
+    r->at = c->offset = entry->offset;
+    pbs_code rc = fetch(r, NULL, CHUNK_FIXED, &h, err);
+    if (!rc) rc = parse_chunk(r, h, c, err);
+    if (!rc && (c->tag != entry->tag || c->flags != entry->flags || c->node != entry->node ||
+                c->count != entry->count || c->bytes != entry->bytes || c->crc != entry->crc ||
+                c->first != entry->first))
+        rc = bad(r, err, "a chunk is not what the directory says");
+    if (!rc) rc = fetch_payload(r, c, err);
+    r->at = at;
+    return rc;
+}
+
+pbs_kind pbs_reader_kind(const pbs_reader *r) { return r->kind; }
+const char *pbs_reader_name(const pbs_reader *r) { return r->in.name; }
+const char *pbs_reader_channels(const pbs_reader *r) { return r->channels ? r->channels : ""; }
+const char *pbs_reader_history(const pbs_reader *r) { return r->history; }
+bool pbs_reader_mapped(const pbs_reader *r) { return r->in.mapped; }
+uint64_t pbs_reader_bytes(const pbs_reader *r) { return r->in.mapped ? r->in.size : r->at; }
+
+void pbs_reader_close(pbs_reader *r) {
+    if (!r) return;
+    pbs_input_close(&r->in);
+    free(r->text);
+    free(r->history);
+    pbs_free(r->run, r->buffer);
+    pbs_free(r->run, r->entries);
+    free(r);
+}

@@ -1,0 +1,96 @@
+/* scene.h: scenes: the scene stream, written and read, and any scene file opened as one.
+ *
+ * Chunks of a scene stream, in an order in which everything comes before what refers to it:
+ *
+ *     TEXR  an image file's bytes            MATL  a material
+ *     MESH  a piece of a part                NODE  a part (after its meshes) or an assembly
+ *     CNTS  what could not become triangles, once, before the end
+ *
+ * The last NODE is the root.
+ */
+#ifndef PBS_SCENE_H
+#define PBS_SCENE_H
+
+#include "formats/container.h"
+#include "formats/node.h"
+#include "formats/sink.h"
+
+/* ---- writing: the sink behind which the readers of foreign files stand ---- */
+
+typedef struct pbs_scene_writer pbs_scene_writer;
+
+typedef struct pbs_scene_options {
+    bool ignore_missing; /* textures that are not there are counted, not an error */
+} pbs_scene_options;
+
+/* The writer stays the caller's. Meshes are cut, vertices welded by equality of their bits. */
+pbs_code pbs_scene_writer_new(pbs_run *run, pbs_writer *w, const pbs_scene_options *options,
+                              pbs_scene_writer **out, pbs_err *err);
+const pbs_sink *pbs_scene_sink(pbs_scene_writer *s);
+/* After the reader is done: PBS_DATA "no triangles" if there are none. */
+pbs_code pbs_scene_writer_end(pbs_scene_writer *s, pbs_err *err);
+void pbs_scene_writer_free(pbs_scene_writer *s);
+
+/* What a reader is chosen by: the file's first bytes, and its name where those say nothing.
+ * Errors: PBS_DATA, which names formats that are known but not read (LAZ, STEP, E57, ...). */
+pbs_code pbs_import_pick(const char *path, const uint8_t *bytes, size_t size, pbs_import_fn *fn,
+                         pbs_err *err);
+
+/* Maps the input, picks the reader and runs it. path: as pbs_input_open got it. Errors have the
+ * file's name in front. */
+pbs_code pbs_import_input(pbs_input *in, const char *path, const pbs_sink *sink, pbs_err *err);
+
+/* ---- reading ---- */
+
+typedef struct pbs_texture {
+    const char *name;
+    const void *bytes;
+    size_t size;
+} pbs_texture;
+
+typedef struct pbs_scene {
+    pbs_run *run;
+    pbs_reader *reader; /* mapped; meshes and textures point into it */
+    pbs_node *nodes;
+    size_t node_count;
+    size_t *first_mesh; /* node_count + 1: the meshes of node i begin at first_mesh[i] */
+    pbs_mesh *meshes;
+    size_t mesh_count;
+    pbs_material *materials;
+    size_t material_count;
+    pbs_texture *textures;
+    size_t texture_count;
+    uint64_t skipped[PBS_SKIP_KINDS];
+    uint32_t channels; /* that candidates of the scene can have: NORMAL, and what there is of
+                          COLOUR, MATERIAL, EMISSIVE */
+} pbs_scene;
+
+/* Any scene file, or a scene stream, from a path or (NULL) standard input. Foreign files are
+ * imported to a spool on the way. Everything is checked. */
+pbs_code pbs_scene_open(pbs_run *run, const char *path, const pbs_scene_options *options,
+                        pbs_scene *out, pbs_err *err);
+/* The provenance of the scene for the next header: whole lines. */
+const char *pbs_scene_history(const pbs_scene *s);
+void pbs_scene_close(pbs_scene *s);
+
+/* All placed meshes below the root, in the frame whose origin is *origin (chosen here: the middle
+ * of *box, which is the exact bounding box of all placed vertices in the scene's coordinates).
+ * *draws is freed with pbs_free. Instances of one mesh share it. singular: placings whose
+ * transform is not invertible. Errors: PBS_LIMIT; PBS_DATA if there is no triangle, or more than
+ * 2^32 - 2. */
+typedef struct pbs_flat {
+    pbs_draw *draws;
+    size_t count;
+    uint64_t triangles, singular;
+    double origin[3];
+    pbs_box box;
+} pbs_flat;
+pbs_code pbs_scene_flatten(const pbs_scene *s, pbs_flat *out, pbs_err *err);
+
+/* Decodes all textures that materials use. Array of texture_count; free with pbs_images_free. */
+pbs_code pbs_scene_images(const pbs_scene *s, pbs_image **out, pbs_err *err);
+void pbs_images_free(pbs_run *run, pbs_image *images, size_t count);
+
+/* The words for pbs_skip: "triangles with NaN or infinite corners". */
+extern const char *const pbs_skip_text[PBS_SKIP_KINDS];
+#endif

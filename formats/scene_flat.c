@@ -1,0 +1,166 @@
+/* scene_flat.c: the scene DAG unfolded into placed meshes, and the textures decoded. */
+#include "formats/image.h"
+#include "formats/scene.h"
+#include <string.h>
+
+/* Placed meshes below every node, and whether there are any; saturates, since 64 levels of two
+ * equal children each are 2^64 instances in a few kilobytes. */
+static uint64_t *count_draws(const pbs_scene *s, pbs_err *err, pbs_code *rc) {
+    uint64_t *n;
+    *rc = pbs_alloc(s->run, &n, s->node_count, sizeof *n, "the table of nodes", err);
+    if (*rc) return NULL;
+    for (size_t i = 0; i < s->node_count; i++) {
+        n[i] = s->first_mesh[i + 1] - s->first_mesh[i];
+        for (uint32_t k = 0; k < s->nodes[i].child_count; k++)
+            if (__builtin_add_overflow(n[i], n[s->nodes[i].children[k].node], &n[i]))
+                n[i] = UINT64_MAX;
+    }
+    return n;
+}
+
+typedef struct frame {
+    uint32_t node, next; /* child to visit next */
+    double m[12];
+} frame;
+
+static bool is_singular(const double m[12]) {
+    double norm = 0, det = pbs_xform_det(m);
+    for (int r = 0; r < 3; r++) norm = fmax(norm, hypot(hypot(m[4 * r], m[4 * r + 1]), m[4 * r + 2]));
+    /* Relative to the largest axis, so that uniform scales of any size are fine. */
+    return !(fabs(det) > 1e-30 * norm * norm * norm);
+}
+
+static void add_draws(const pbs_scene *s, pbs_flat *out, const frame *f) {
+    const pbs_node *n = &s->nodes[f->node];
+    double m[12], local[12];
+    memcpy(local, PBS_IDENTITY, sizeof local);
+    for (int k = 0; k < 3; k++) local[4 * k + 3] = n->origin[k];
+    pbs_xform_mul(m, f->m, local);
+    for (size_t i = s->first_mesh[f->node]; i < s->first_mesh[f->node + 1]; i++) {
+        pbs_draw *d = &out->draws[out->count++];
+        d->mesh = &s->meshes[i];
+        memcpy(d->m, m, sizeof m);
+        out->triangles += d->mesh->triangles;
+        out->singular += i == s->first_mesh[f->node] && is_singular(m);
+    }
+}
+
+/* Depth first without recursion: hierarchies may be deeper than the stack. Children have smaller
+ * ids, so the stack is never longer than there are nodes. */
+static pbs_code walk(const pbs_scene *s, const uint64_t *draws, pbs_flat *out, pbs_err *err) {
+    frame *stack = NULL;
+    size_t cap = 0, depth = 1;
+    pbs_code rc = pbs_grow(s->run, &stack, &cap, 64, sizeof *stack, "the hierarchy", err);
+    if (rc) return rc;
+    stack[0].node = (uint32_t)s->node_count - 1;
+    stack[0].next = 0;
+    memcpy(stack[0].m, PBS_IDENTITY, sizeof stack[0].m);
+    while (depth && !rc) {
+        frame *f = &stack[depth - 1];
+        const pbs_node *n = &s->nodes[f->node];
+        if (!f->next) add_draws(s, out, f);
+        if (f->next == n->child_count) {
+            depth--;
+            continue;
+        }
+        const pbs_child *c = &n->children[f->next++];
+        if (!draws[c->node]) continue;
+        rc = pbs_grow(s->run, &stack, &cap, depth + 1, sizeof *stack, "the hierarchy", err);
+        if (rc) break;
+        f = &stack[depth - 1];
+        stack[depth].node = c->node;
+        stack[depth].next = 0;
+        pbs_xform_mul(stack[depth].m, f->m, c->m);
+        depth++;
+    }
+    pbs_free(s->run, stack);
+    return rc;
+}
+
+static void add_bounds(pbs_box *box, const pbs_draw *d) {
+    for (uint32_t i = 0; i < d->mesh->vertices; i++) {
+        const float *v = d->mesh->position + 3 * i;
+        double p[3] = {v[0], v[1], v[2]};
+        pbs_xform_point(p, d->m, p);
+        pbs_box_add(box, p);
+    }
+}
+
+/* The box of all vertices, then the frame's origin in its middle. */
+static pbs_code center(const pbs_scene *s, pbs_flat *out, pbs_err *err) {
+    out->box = PBS_BOX_EMPTY;
+    for (size_t i = 0; i < out->count; i++) {
+        pbs_code rc = i % 1024 ? PBS_OK : pbs_run_check(s->run, err);
+        if (rc) return rc;
+        add_bounds(&out->box, &out->draws[i]);
+    }
+    for (int k = 0; k < 3; k++) {
+        out->origin[k] = out->box.min[k] / 2 + out->box.max[k] / 2;
+        if (!isfinite(out->box.max[k] - out->box.min[k]))
+            return pbs_fail(err, PBS_DATA, "%s: transforms blow the scene up beyond all numbers",
+                            pbs_reader_name(s->reader));
+    }
+    for (size_t i = 0; i < out->count; i++)
+        for (int k = 0; k < 3; k++) out->draws[i].m[4 * k + 3] -= out->origin[k];
+    return PBS_OK;
+}
+
+pbs_code pbs_scene_flatten(const pbs_scene *s, pbs_flat *out, pbs_err *err) {
+    memset(out, 0, sizeof *out);
+    pbs_code rc;
+    const char *name = pbs_reader_name(s->reader);
+    uint64_t *draws = count_draws(s, err, &rc);
+    if (rc) return rc;
+    uint64_t n = draws[s->node_count - 1], triangles = s->nodes[s->node_count - 1].triangles;
+    if (!n) rc = pbs_fail(err, PBS_DATA, "%s: no triangles in it", name);
+    else if (triangles > UINT32_MAX - 1 || n > SIZE_MAX / sizeof(pbs_draw))
+        rc = pbs_fail(err, PBS_DATA, "%s: %llu triangles with all instances: more than 2^32 - 2", name,
+                      (unsigned long long)triangles);
+    if (!rc) rc = pbs_alloc(s->run, &out->draws, (size_t)n, sizeof(pbs_draw), "the placed meshes", err);
+    if (!rc) rc = walk(s, draws, out, err);
+    pbs_free(s->run, draws);
+    if (!rc && out->triangles > UINT32_MAX - 1)
+        rc = pbs_fail(err, PBS_DATA, "%s: the counts of its nodes are damaged", name);
+    if (!rc) rc = center(s, out, err);
+    if (rc) {
+        pbs_free(s->run, out->draws);
+        memset(out, 0, sizeof *out);
+    }
+    return rc;
+}
+
+/* ---- textures ---- */
+
+static void mark(const pbs_texture_use *u, pbs_image *images) {
+    if (u->texture != PBS_NONE) images[u->texture].width = 1;
+}
+
+pbs_code pbs_scene_images(const pbs_scene *s, pbs_image **out, pbs_err *err) {
+    pbs_image *images;
+    *out = NULL;
+    pbs_code rc = pbs_alloc(s->run, &images, s->texture_count, sizeof *images, "the textures", err);
+    if (rc) return rc;
+    if (s->texture_count) memset(images, 0, s->texture_count * sizeof *images);
+    for (size_t i = 0; i < s->material_count; i++) {
+        mark(&s->materials[i].base_texture, images);
+        mark(&s->materials[i].material_texture, images);
+        mark(&s->materials[i].emissive_texture, images);
+    }
+    for (size_t i = 0; i < s->texture_count && !rc; i++) {
+        if (!images[i].width) continue;
+        images[i].width = 0;
+        const pbs_texture *t = &s->textures[i];
+        rc = pbs_image_decode(s->run, t->name, t->bytes, t->size, &images[i], err);
+    }
+    if (rc) {
+        pbs_images_free(s->run, images, s->texture_count);
+        return pbs_fail_in(err, "%s", pbs_reader_name(s->reader));
+    }
+    *out = images;
+    return PBS_OK;
+}
+
+void pbs_images_free(pbs_run *run, pbs_image *images, size_t count) {
+    for (size_t i = 0; images && i < count; i++) pbs_free(run, images[i].rgba);
+    pbs_free(run, images);
+}
