@@ -62,7 +62,7 @@ missing := $(filter-out $(modules),gltf image exr)
 .PHONY: all test demo bench lint install clean deps
 .SECONDARY:
 all: $(programs) $(modules:%=$(B)/lib/pbs/%.so)
-	@$(if $(missing),echo "left out, libraries not installed: $(missing) (scripts/deps installs them)")
+	@for m in $(missing); do echo "left out: the module $$m: its library is not installed (scripts/deps does that)"; done
 
 deps:
 	@scripts/deps

@@ -41,7 +41,8 @@ void pbs_points_free(pbs_run *run, pbs_points *p);
 pbs_code pbs_points_write(pbs_run *run, pbs_writer *w, const pbs_record *r, uint32_t node,
                           const pbs_points *p, size_t at, uint32_t limit,
                           const pbs_lattice *lattice, pbs_err *err);
-#define PBS_POINTS_CHUNK 65536u
+#define PBS_POINTS_CHUNK  65536u     /* in streams */
+#define PBS_ARCHIVE_CHUNK (1u << 20) /* in archives: a node of paper 1 is one chunk */
 
 /* Chunks that pbs_points_write makes. */
 static inline uint64_t pbs_points_chunks(uint64_t count, uint32_t limit) {

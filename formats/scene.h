@@ -29,6 +29,11 @@ pbs_code pbs_scene_writer_new(pbs_run *run, pbs_writer *w, const pbs_scene_optio
 const pbs_sink *pbs_scene_sink(pbs_scene_writer *s);
 /* After the reader is done: PBS_DATA "no triangles" if there are none. */
 pbs_code pbs_scene_writer_end(pbs_scene_writer *s, pbs_err *err);
+typedef struct pbs_scene_totals {
+    uint64_t nodes, triangles, stored; /* with all instances; each part once */
+    uint64_t skipped[PBS_SKIP_KINDS];
+} pbs_scene_totals;
+pbs_scene_totals pbs_scene_writer_totals(const pbs_scene_writer *s); /* after the end */
 void pbs_scene_writer_free(pbs_scene_writer *s);
 
 /* What a reader is chosen by: the file's first bytes, and its name where those say nothing.

@@ -1,4 +1,5 @@
 /* scene_flat.c: the scene DAG unfolded into placed meshes, and the textures decoded. */
+#include "formats/dag.h"
 #include "formats/image.h"
 #include "formats/scene.h"
 #include <string.h>
@@ -18,11 +19,6 @@ static uint64_t *count_draws(const pbs_scene *s, pbs_err *err, pbs_code *rc) {
     return n;
 }
 
-typedef struct frame {
-    uint32_t node, next; /* child to visit next */
-    double m[12];
-} frame;
-
 static bool is_singular(const double m[12]) {
     double norm = 0, det = pbs_xform_det(m);
     for (int r = 0; r < 3; r++) norm = fmax(norm, hypot(hypot(m[4 * r], m[4 * r + 1]), m[4 * r + 2]));
@@ -30,51 +26,30 @@ static bool is_singular(const double m[12]) {
     return !(fabs(det) > 1e-30 * norm * norm * norm);
 }
 
-static void add_draws(const pbs_scene *s, pbs_flat *out, const frame *f) {
-    const pbs_node *n = &s->nodes[f->node];
-    double m[12], local[12];
-    memcpy(local, PBS_IDENTITY, sizeof local);
-    for (int k = 0; k < 3; k++) local[4 * k + 3] = n->origin[k];
-    pbs_xform_mul(m, f->m, local);
-    for (size_t i = s->first_mesh[f->node]; i < s->first_mesh[f->node + 1]; i++) {
-        pbs_draw *d = &out->draws[out->count++];
-        d->mesh = &s->meshes[i];
-        memcpy(d->m, m, sizeof m);
-        out->triangles += d->mesh->triangles;
-        out->singular += i == s->first_mesh[f->node] && is_singular(m);
-    }
-}
+typedef struct unfold {
+    const pbs_scene *s;
+    const uint64_t *draws; /* below each node */
+    pbs_flat *out;
+} unfold;
 
-/* Depth first without recursion: hierarchies may be deeper than the stack. Children have smaller
- * ids, so the stack is never longer than there are nodes. */
-static pbs_code walk(const pbs_scene *s, const uint64_t *draws, pbs_flat *out, pbs_err *err) {
-    frame *stack = NULL;
-    size_t cap = 0, depth = 1;
-    pbs_code rc = pbs_grow(s->run, &stack, &cap, 64, sizeof *stack, "the hierarchy", err);
-    if (rc) return rc;
-    stack[0].node = (uint32_t)s->node_count - 1;
-    stack[0].next = 0;
-    memcpy(stack[0].m, PBS_IDENTITY, sizeof stack[0].m);
-    while (depth && !rc) {
-        frame *f = &stack[depth - 1];
-        const pbs_node *n = &s->nodes[f->node];
-        if (!f->next) add_draws(s, out, f);
-        if (f->next == n->child_count) {
-            depth--;
-            continue;
-        }
-        const pbs_child *c = &n->children[f->next++];
-        if (!draws[c->node]) continue;
-        rc = pbs_grow(s->run, &stack, &cap, depth + 1, sizeof *stack, "the hierarchy", err);
-        if (rc) break;
-        f = &stack[depth - 1];
-        stack[depth].node = c->node;
-        stack[depth].next = 0;
-        pbs_xform_mul(stack[depth].m, f->m, c->m);
-        depth++;
+static pbs_code place(void *ctx, uint32_t node, const double m[12], bool *descend, pbs_err *err) {
+    unfold *u = ctx;
+    const pbs_scene *s = u->s;
+    double local[12];
+    (void)err;
+    *descend = u->draws[node] != 0; /* empty subtrees may be huge */
+    memcpy(local, PBS_IDENTITY, sizeof local);
+    for (int k = 0; k < 3; k++) local[4 * k + 3] = s->nodes[node].origin[k];
+    pbs_xform_mul(local, m, local);
+    size_t first = s->first_mesh[node], end = s->first_mesh[node + 1];
+    for (size_t i = first; i < end; i++) {
+        pbs_draw *d = &u->out->draws[u->out->count++];
+        d->mesh = &s->meshes[i];
+        memcpy(d->m, local, sizeof local);
+        u->out->triangles += d->mesh->triangles;
     }
-    pbs_free(s->run, stack);
-    return rc;
+    u->out->singular += first < end && is_singular(m);
+    return PBS_OK;
 }
 
 static void add_bounds(pbs_box *box, const pbs_draw *d) {
@@ -117,7 +92,8 @@ pbs_code pbs_scene_flatten(const pbs_scene *s, pbs_flat *out, pbs_err *err) {
         rc = pbs_fail(err, PBS_DATA, "%s: %llu triangles with all instances: more than 2^32 - 2", name,
                       (unsigned long long)triangles);
     if (!rc) rc = pbs_alloc(s->run, &out->draws, (size_t)n, sizeof(pbs_draw), "the placed meshes", err);
-    if (!rc) rc = walk(s, draws, out, err);
+    unfold u = {s, draws, out};
+    if (!rc) rc = pbs_dag_walk(s->run, s->nodes, s->node_count, place, &u, err);
     pbs_free(s->run, draws);
     if (!rc && out->triangles > UINT32_MAX - 1)
         rc = pbs_fail(err, PBS_DATA, "%s: the counts of its nodes are damaged", name);

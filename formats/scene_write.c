@@ -23,6 +23,7 @@ struct pbs_scene_writer {
     uint32_t materials, textures, root;
     char *part_name;
     double part_origin[3];
+    uint64_t stored;
     uint64_t skipped[PBS_SKIP_KINDS];
 };
 
@@ -121,6 +122,7 @@ static pbs_code part_end(void *ctx, uint32_t *id, pbs_err *err) {
     pbs_code rc = pbs_builder_end(s->builder, &n.triangles, &n.box, err);
     if (rc) return rc;
     n.records = n.triangles;
+    s->stored += n.triangles;
     memcpy(n.origin, s->part_origin, sizeof n.origin);
     return add_node(s, &n, id, err);
 }
@@ -210,6 +212,12 @@ pbs_code pbs_scene_writer_end(pbs_scene_writer *s, pbs_err *err) {
     pbs_chunk c = {.tag = PBS_TAG_COUNTS, .node = PBS_NONE, .count = PBS_SKIP_KINDS};
     pbs_piece piece = {buf, sizeof buf};
     return pbs_writer_chunk(s->w, &c, &piece, 1, err);
+}
+
+pbs_scene_totals pbs_scene_writer_totals(const pbs_scene_writer *s) {
+    pbs_scene_totals t = {s->node_count, s->nodes[s->root].triangles, s->stored, {0}};
+    memcpy(t.skipped, s->skipped, sizeof t.skipped);
+    return t;
 }
 
 void pbs_scene_writer_free(pbs_scene_writer *s) {

@@ -77,6 +77,7 @@ typedef struct pbs_tree {
     pbs_leaf *leaf;
     pbs_leaf_normals *normal;    /* NULL: Euclid */
     uint32_t *id;                /* of slot leaf * 32 + lane: the caller's index */
+    uint32_t *digits;            /* scratch of the sort */
     int levels;                  /* fan[levels - 1] is the root */
     size_t fans[PBS_LEVELS];
     pbs_fan *fan[PBS_LEVELS];    /* child c of fan[0][i] is leaf 8i + c, of fan[k][i] fan[k-1][8i + c] */
@@ -98,9 +99,6 @@ static inline void *pbs_layout_take(pbs_layout *l, size_t bytes) {
 /* Looks at every coordinate: sets the metric's scale and box and *invalid. weight 0: Euclid. */
 pbs_code pbs_metric_set(pbs_run *run, pbs_metric *m, const pbs_points *in, float weight,
                         size_t *invalid, pbs_err *err);
-/* Whether candidate i has finite coordinates, and where it is. */
-static inline bool pbs_place_of(const pbs_metric *m, const pbs_points *in, size_t i, pbs_place *out);
-
 /* Sets the arrays' places for up to `candidates` points. */
 void pbs_tree_layout(pbs_tree *t, size_t candidates, pbs_layout *layout);
 /* Sorts and fills; pbs_tree_layout and pbs_metric_set (into t->metric, t->invalid) came before. */
@@ -112,11 +110,16 @@ int pbs_parts(const pbs_run *run, size_t things, size_t least);
 
 void pbs_place_normal(int16_t out[4], const int16_t oct[2]);
 
+/* Scales a position; false if a coordinate is not finite. */
+static inline bool pbs_scaled(const pbs_metric *m, const float in[3], float out[3]) {
+    for (int k = 0; k < 3; k++) out[k] = in[k] * m->up * m->up2;
+    return isfinite(out[0]) && isfinite(out[1]) && isfinite(out[2]);
+}
+
+/* False if candidate i has a coordinate that is not finite. */
 static inline bool pbs_place_of(const pbs_metric *m, const pbs_points *in, size_t i,
                                 pbs_place *out) {
-    const float *p = in->position + 3 * i;
-    if (!isfinite(p[0]) || !isfinite(p[1]) || !isfinite(p[2])) return false;
-    for (int k = 0; k < 3; k++) out->p[k] = p[k] * m->up * m->up2;
+    if (!pbs_scaled(m, in->position + 3 * i, out->p)) return false;
     out->n[0] = out->n[1] = out->n[2] = out->n[3] = 0;
     if (m->normals) pbs_place_normal(out->n, in->normal + 2 * i);
     return true;

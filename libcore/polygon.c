@@ -42,7 +42,8 @@ static size_t tree_nodes(uint32_t n) {
 
 size_t pbs_polygon_scratch(uint32_t n) {
     if (n < 5) return 0;
-    return sizeof(box) * tree_nodes(n) + (size_t)n * (sizeof(int64_t[2]) + 4 * sizeof(uint32_t) + 2);
+    return sizeof(box) * tree_nodes(n) +
+           (size_t)n * (sizeof(int64_t[2]) + 4 * sizeof(uint32_t) + 2);
 }
 
 static void lay_out(clip *c, uint32_t n, uint32_t *triangle, void *scratch) {
@@ -107,8 +108,10 @@ static void select_middle(const clip *c, uint32_t lo, uint32_t hi, uint32_t mid,
         }
         uint32_t cut = i > j ? i : i + 1;
         if (cut == hi) cut--;
-        if (mid < cut) hi = cut;
-        else lo = cut;
+        if (mid < cut)
+            hi = cut;
+        else
+            lo = cut;
     }
 }
 
@@ -229,7 +232,8 @@ static void cut_all(clip *c) {
         live = c->next[i];
         cut_off(c, i);
     }
-    c->clean &= c->left == 3;
+    uint32_t last = c->next[live];
+    c->clean &= c->left == 3 && orient(c->p[live], c->p[last], c->p[c->next[last]]) >= 0;
     for (uint32_t i = c->next[live]; c->left > 2; c->left--, i = c->next[i])
         emit(c, live, i, c->next[i]);
 }
@@ -260,7 +264,7 @@ static bool cut_quad(const double *xyz, size_t stride, uint32_t *triangle) {
     bool turn = straight <= 1e-12 * (a + b) && other > straight;
     static const uint32_t cuts[2][6] = {{0, 1, 2, 0, 2, 3}, {1, 2, 3, 1, 3, 0}};
     for (int k = 0; k < 6; k++) triangle[k] = cuts[turn][k];
-    return (turn ? other : straight) >= 0;
+    return a + b > 0 && (turn ? other : straight) >= 0;
 }
 
 /* Sets the polygon's box; false if a corner is not finite. */

@@ -20,8 +20,9 @@ size_t pbs_polygon_scratch(uint32_t n);
  * if n < 3. Corner i is at xyz[i * stride .. + 2]. The areas of the triangles add up to the
  * polygon's, as vectors, always.
  *
- * True: the triangles do not overlap. False: they may, because the polygon crosses itself, has
- * no area, or has a corner that is not finite (then it is cut as a fan). */
+ * True: every triangle has the polygon's winding or no area, so those of an outline that does not
+ * cross itself do not overlap. False: some may overlap, because the outline crosses itself, has no
+ * area, or has a corner that is not finite (then it is cut as a fan). */
 bool pbs_polygon_triangulate(const double *xyz, size_t stride, uint32_t n, uint32_t *triangle,
                              void *scratch);
 #endif

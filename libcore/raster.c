@@ -157,7 +157,9 @@ static void draw_small(pbs_raster *r, const pbs_snapped *const v[3], const int32
     }
 }
 
-static int64_t floor_div(int64_t a, int64_t b) { return a / b - (a % b < 0); } /* b > 0 */
+static int64_t floor_div(int64_t a, int64_t b) {
+    return a / b - (a % b < 0);
+} /* b > 0 */
 
 /* Narrows x0 .. x1 to where e + x * step >= 0. */
 static void narrow(int64_t e, int64_t step, int64_t *x0, int64_t *x1) {
@@ -250,8 +252,8 @@ typedef struct mask {
     void *ctx;
 } mask;
 
-static void masked_span(pbs_raster *r, const pbs_raster_plane *p, int32_t x0, int32_t x1,
-                        int32_t y, uint32_t id, void *ctx) {
+static void masked_span(pbs_raster *r, const pbs_raster_plane *p, int32_t x0, int32_t x1, int32_t y,
+                        uint32_t id, void *ctx) {
     const mask *m = ctx;
     float row = pbs_raster_row_z(p, y);
     for (int32_t x = x0; x <= x1; x++) {
@@ -259,7 +261,8 @@ static void masked_span(pbs_raster *r, const pbs_raster_plane *p, int32_t x0, in
         uint64_t *key = pbs_raster_at(r, x, y);
         r->fragments++;
         /* The depth test is cheap and the texture is not: a hidden fragment is not looked up. */
-        uint64_t near = (uint64_t)bits << 32 | id, far = (uint64_t)(0x7fffffffu - bits) << 32 | id;
+        uint64_t near = (uint64_t)bits << 32 | id,
+                 far = (uint64_t)(PBS_RASTER_FAR - bits) << 32 | id;
         if (near >= key[0] && far >= key[1]) continue;
         if (m->keep(m->ctx, (uint32_t)x, (uint32_t)y)) pbs_raster_put(key, bits, id);
     }

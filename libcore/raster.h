@@ -45,11 +45,11 @@ typedef struct pbs_snapped {
 
 /* Where to draw: all of a pair, or a band of its rows. */
 typedef struct pbs_raster {
-    uint64_t *key;       /* near and far of each pixel of the band, then PBS_KEY_PAD more */
-    uint32_t width;      /* of the view */
-    uint32_t y0, y1;     /* the band: rows y0 .. y1 - 1 */
-    uint64_t fragments;  /* counted up: depth tests */
-    bool simd;           /* may use AVX2; same bits either way */
+    uint64_t *key;      /* near and far of each pixel of the band, then PBS_KEY_PAD more */
+    uint32_t width;     /* of the view */
+    uint32_t y0, y1;    /* the band: rows y0 .. y1 - 1 */
+    uint64_t fragments; /* counted up: depth tests */
+    bool simd;          /* may use AVX2; same bits either way */
 } pbs_raster;
 
 bool pbs_raster_simd(void); /* whether this processor has AVX2 */

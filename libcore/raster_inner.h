@@ -20,9 +20,12 @@ static inline uint32_t pbs_float_bits(float z) {
     return b;
 }
 
+/* The bits of 1.0f: depths 0 .. 1 the other way round. */
+#define PBS_RASTER_FAR 0x3f800000
+
 /* Branch-free: whether a fragment wins cannot be predicted. */
 static inline void pbs_raster_put(uint64_t *key, uint32_t bits, uint32_t id) {
-    uint64_t near = (uint64_t)bits << 32 | id, far = (uint64_t)(0x7fffffffu - bits) << 32 | id;
+    uint64_t near = (uint64_t)bits << 32 | id, far = (uint64_t)(PBS_RASTER_FAR - bits) << 32 | id;
     uint64_t a = key[0], b = key[1];
     key[0] = near < a ? near : a;
     key[1] = far < b ? far : b;

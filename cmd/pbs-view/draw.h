@@ -62,7 +62,7 @@ typedef struct pbs_surfels {
 /* Bytes of a record with these channels, and of a channel's offset in it. */
 uint32_t pbs_surfel_size(uint32_t channels);
 
-/* Discs are never smaller than about a pixel, so none vanishes. Errors: PBS_USAGE for a stride
+/* Discs are never smaller than about a pixel, so none vanishes. Errors: PBS_INTERNAL for a stride
  * that does not fit; PBS_LIMIT. */
 pbs_code pbs_canvas_surfels(pbs_canvas *canvas, const pbs_surfels *nodes, size_t count,
                             pbs_err *err);

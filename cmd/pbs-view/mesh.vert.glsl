@@ -12,10 +12,7 @@ out vec2 uv;
 out vec4 tint;
 
 void main() {
-    vec3 n = vec3(octahedral, 1.0 - abs(octahedral.x) - abs(octahedral.y));
-    float t = max(-n.z, 0.0);
-    n.xy -= vec2(n.x < 0.0 ? -t : t, n.y < 0.0 ? -t : t);
-    smooth_normal = to_view_normal * normalize(n);
+    smooth_normal = to_view_normal * normalize(octahedral_normal(octahedral));
     where = to_view * vec4(position, 1.0);
     uv = texture_place;
     tint = vec4(linear_from_srgb(vertex_colour.rgb), vertex_colour.a);

@@ -6,6 +6,14 @@ vec3 linear_from_srgb(vec3 c) {
     return mix(c / 12.92, pow((c + 0.055) / 1.055, vec3(2.4)), greaterThan(c, vec3(0.04045)));
 }
 
+// Not of length 1; see vec.h.
+vec3 octahedral_normal(vec2 o) {
+    vec3 n = vec3(o, 1.0 - abs(o.x) - abs(o.y));
+    float t = max(-n.z, 0.0);
+    n.xy -= vec2(n.x < 0.0 ? -t : t, n.y < 0.0 ? -t : t);
+    return n;
+}
+
 vec3 surroundings(float up) {
     return mix(vec3(0.20, 0.19, 0.18), vec3(0.56, 0.58, 0.62), smoothstep(-1.0, 1.0, up));
 }

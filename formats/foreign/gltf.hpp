@@ -76,6 +76,8 @@ array<uint8_t> decode_data_uri(pbs_run *run, std::string_view raw, uint64_t *siz
 
 /* gltf_parse.cpp: tinygltf itself. */
 void parse(tinygltf::Model &model, const document &doc, pbs_err *err);
+/* What is wrong with the JSON of the file, with line and column; empty: nothing. */
+std::string syntax_error(const document &doc);
 
 /* The elements of an accessor, wherever and in whatever form they lie. */
 struct stream {
@@ -114,7 +116,7 @@ struct primitive {
     std::vector<array<uint8_t>> owned; /* where decoded streams lie */
     int mode = 0;
     uint32_t material = PBS_NONE;
-    uint64_t corners = 0, triangles = 0;
+    uint64_t corners = 0, triangles = 0; /* corners: those that triangles use */
 
     uint64_t corner(uint64_t i) const {
         return index ? load_index(index.at(i), index.type) : i;

@@ -125,7 +125,7 @@ uint32_t component_size(int type) {
 
 /* Zeros that need no data may be as many as somebody likes to write: 20 bytes of JSON must not
  * keep us busy for an hour. */
-static const uint64_t max_without_data = 1 << 24;
+static const uint64_t max_without_data = 1 << 26;
 
 void reader::open_sparse(stream &s, const tinygltf::Accessor &a) {
     const auto &sp = a.sparse;

@@ -4,6 +4,7 @@
  * memory); what tinygltf needs is copied, the rest, data URIs above all, stays in the mapped
  * file. */
 #include "formats/foreign/gltf.hpp"
+#include <cctype>
 #include <cstdlib>
 #include <cstring>
 
@@ -299,8 +300,10 @@ static void copy_accessors(std::string &out, std::string_view text, int views, p
                      (int)(number.size() < 20 ? number.size() : 20), number.data(), views);
         });
         if (n++) out += ',';
-        if (has_view || v.size() < 3 || v[0] != '{') out += v;
-        else ((out += "{\"bufferView\":") += std::to_string(views)).append(",").append(v.substr(1));
+        bool empty = v.find_first_not_of(" \t\r\n", 1) == v.size() - 1;
+        if (has_view || empty || v[0] != '{') out += v;
+        else out.append("{\"bufferView\":").append(std::to_string(views)).append(",").append(
+            v.substr(1));
     });
     out += "],";
 }
@@ -322,6 +325,29 @@ static void mend_utf8(std::string &s) {
         if (!good) s[i] = '?';
         i += good ? n : 1;
     }
+}
+
+/* Some writers have one kind of number and write 3.0 for 3; tinygltf takes that for no integer,
+ * and for most members it would go on without them. */
+static void mend_numbers(std::string &s) {
+    size_t to = 0;
+    bool text = false;
+    for (size_t i = 0; i < s.size(); i++) {
+        char c = s[i];
+        if (text && c == '\\' && i + 1 < s.size()) {
+            s[to++] = c;
+            c = s[++i];
+        } else if (c == '"') {
+            text = !text;
+        } else if (c == '.' && !text) {
+            size_t end = s.find_first_not_of('0', i + 1);
+            if (end > i + 1 && end < s.size() && !isdigit((unsigned char)s[end]) &&
+                s[end] != 'e' && s[end] != 'E')
+                c = s[i = end];
+        }
+        s[to++] = c;
+    }
+    s.resize(to);
 }
 
 /* The members of the whole that are copied as they are. */
@@ -349,6 +375,7 @@ void split_json(document &doc, pbs_err *err) {
     copy_accessors(doc.slim, accessors, n, err);
     doc.slim.back() = '}';
     mend_utf8(doc.slim);
+    mend_numbers(doc.slim);
     each_element(buffers, err, [&](std::string_view v) {
         doc.buffers.push_back(parse_buffer(v, (int)doc.buffers.size(), err));
     });

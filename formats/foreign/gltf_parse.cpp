@@ -1,18 +1,20 @@
 /* gltf_parse.cpp: tinygltf, compiled once, and its errors in one line. */
+#include <fstream> /* which tinygltf forgets without its file functions */
 #define TINYGLTF_IMPLEMENTATION
 #include "formats/foreign/gltf.hpp"
 #include <climits>
 
 namespace pbs::gltf {
 
-/* The library's own words without its prefix. It has seen another text than the user's file, so
- * the place of a syntax error comes from a second look at the original, which keeps nothing. */
-static std::string syntax_error(const document &doc) {
+/* The library's words without its prefix. tinygltf sees another text than the user's file, so the
+ * place of a syntax error comes from a look at the original, which keeps nothing. */
+std::string syntax_error(const document &doc) {
     try {
-        nlohmann::json::parse(doc.json.begin(), doc.json.end(),
-                              [](int, nlohmann::json::parse_event_t, nlohmann::json &) {
-                                  return false;
-                              });
+        auto keep_nothing = [](int, nlohmann::json::parse_event_t, nlohmann::json &) {
+            return false;
+        };
+        nlohmann::json rest =
+            nlohmann::json::parse(doc.json.begin(), doc.json.end(), keep_nothing);
     } catch (const std::exception &e) {
         std::string text = e.what();
         size_t prefix = text.find("] ");
@@ -35,6 +37,8 @@ void parse(tinygltf::Model &model, const document &doc, pbs_err *err) {
     /* tinygltf drops a primitive without a valid list of attributes and goes on. */
     if (good && problem.find("'attributes'") == problem.npos) return;
     std::string text = syntax_error(doc);
+    if (text.empty() && problem.compare(0, 7, "\"asset\"") == 0)
+        text = "asset.version is missing: this is not glTF 2.0";
     if (text.empty()) text = first_line(problem);
     fail(err, PBS_DATA, "%s", text.empty() ? "tinygltf refuses the file" : text.c_str());
 }

@@ -66,6 +66,8 @@ template <class T> class array {
     T *data() { return data_; }
     const T *data() const { return data_; }
     size_t size() const { return size_; }
+    /* The caller frees it. */
+    T *release() { return std::exchange(data_, nullptr); }
     T &operator[](size_t i) { return data_[i]; }
 
   private:

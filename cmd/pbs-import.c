@@ -1,0 +1,64 @@
+/* pbs-import: a scene file to a scene stream. */
+#include "cmd/notes.h"
+#include "cmd/tool.h"
+#include "formats/scene.h"
+#include <string.h>
+
+typedef struct options {
+    bool ignore_missing;
+} options;
+
+static const pbs_option table[] = {
+    {0, "ignore-missing", PBS_FLAG, offsetof(options, ignore_missing), NULL,
+     "go on without textures that are not there", 0, 0, NULL, true},
+};
+
+static const pbs_tool tool = {"pbs-import", "Turns a scene file (glTF, GLB, OBJ, PLY, STL) into a scene stream",
+                              "[FILE]", 0, 1, table, sizeof table / sizeof table[0], false};
+
+static pbs_code import(pbs_app *app, pbs_input *in, pbs_writer *w, const options *o, pbs_err *err) {
+    pbs_scene_writer *sw;
+    pbs_scene_options so = {o->ignore_missing};
+    pbs_code rc = pbs_scene_writer_new(&app->run, w, &so, &sw, err);
+    if (rc) return rc;
+    rc = pbs_import_input(in, pbs_operand(app, 0), pbs_scene_sink(sw), err);
+    if (!rc && (rc = pbs_scene_writer_end(sw, err))) pbs_fail_in(err, "%s", in->name);
+    if (!rc) rc = pbs_writer_commit(w, err);
+    if (!rc) {
+        pbs_scene_totals t = pbs_scene_writer_totals(sw);
+        pbs_stat_count(app, "nodes", t.nodes);
+        pbs_stat_count(app, "triangles", t.triangles);
+        pbs_stat_count(app, "triangles_stored", t.stored);
+        pbs_stat_count(app, "bytes", pbs_writer_bytes(w));
+        pbs_note_skips(app, in->name, t.skipped);
+    }
+    pbs_scene_writer_free(sw);
+    return rc;
+}
+
+static pbs_code work(pbs_app *app, void *opt, pbs_err *err) {
+    pbs_input in;
+    pbs_writer *w = NULL;
+    const uint8_t *head;
+    size_t n;
+    pbs_code rc = pbs_input_open(&app->run, pbs_operand(app, 0), &in, err);
+    if (rc) return rc;
+    rc = pbs_input_peek(&in, &head, &n, err);
+    if (!rc && pbs_is_container(head, n))
+        rc = pbs_fail(err, PBS_DATA, "%s: is a pbs file already", in.name);
+    if (!rc)
+        rc = pbs_writer_open(&app->run,
+                             &(pbs_writer_desc){.path = app->common.output,
+                                                .kind = PBS_SCENE,
+                                                .stage = app->stage},
+                             &w, err);
+    if (!rc) rc = import(app, &in, w, opt, err);
+    pbs_writer_close(w);
+    pbs_input_close(&in);
+    return rc;
+}
+
+int main(int argc, char **argv) {
+    options o = {0};
+    return pbs_tool_main(argc, argv, &tool, &o, work);
+}

@@ -1,0 +1,198 @@
+/* pbs-info: what is in a pbs file, a line a chunk. */
+#include "cmd/tool.h"
+#include "formats/check.h"
+#include "formats/node.h"
+#include <inttypes.h>
+#include <stdio.h>
+#include <string.h>
+
+typedef struct options {
+    bool check, json, nodes;
+} options;
+
+static const pbs_option table[] = {
+    {'c', "check", PBS_FLAG, offsetof(options, check), NULL,
+     "read everything and verify it; print one line", 0, 0, NULL, false},
+    {0, "json", PBS_FLAG, offsetof(options, json), NULL, "print JSON", 0, 0, NULL, false},
+    {0, "nodes", PBS_FLAG, offsetof(options, nodes), NULL, "print the nodes instead of the chunks", 0,
+     0, NULL, false},
+};
+
+static const pbs_tool tool = {"pbs-info", "Prints or verifies what is in a pbs file", "[FILE...]", 0, -1,
+                              table, sizeof table / sizeof table[0], true};
+
+typedef struct printer {
+    pbs_run *run;
+    const options *o;
+    pbs_reader *r;
+    uint64_t chunks, nodes;
+} printer;
+
+/* ---- JSON and text ---- */
+
+static void print_quoted(const char *s, size_t n) {
+    putchar('"');
+    for (size_t i = 0; i < n; i++) {
+        unsigned char c = (unsigned char)s[i];
+        if (c == '"' || c == '\\') printf("\\%c", c);
+        else if (c < 0x20) printf("\\u%04x", c);
+        else putchar(c);
+    }
+    putchar('"');
+}
+
+static void print_name(const char *s) {
+    for (; *s; s++) putchar((unsigned char)*s < 0x20 ? '?' : *s);
+}
+
+static void print_header(const printer *p) {
+    const char *channels = pbs_reader_channels(p->r), *history = pbs_reader_history(p->r);
+    const char *kind = pbs_kind_name[pbs_reader_kind(p->r)];
+    if (!p->o->json) {
+        printf("%s: %s\n", pbs_reader_name(p->r), kind);
+        if (*channels) printf("channels %s\n", channels);
+        fputs(history, stdout);
+        return;
+    }
+    printf("{\"file\": ");
+    print_quoted(pbs_reader_name(p->r), strlen(pbs_reader_name(p->r)));
+    printf(", \"kind\": \"%s\", \"channels\": ", kind);
+    print_quoted(channels, strlen(channels));
+    printf(",\n \"history\": [");
+    for (const char *line = history, *end; *line; line = end + 1) {
+        end = strchr(line, '\n');
+        if (line != history) printf(", ");
+        print_quoted(line, (size_t)(end - line));
+    }
+    printf("],\n \"%s\": [", p->o->nodes ? "nodes" : "chunks");
+}
+
+static void print_chunk(const printer *p, const pbs_chunk *c) {
+    char tag[5], node[16] = "-";
+    pbs_tag_text(c->tag, tag);
+    if (c->node != UINT32_MAX) snprintf(node, sizeof node, "%u", c->node);
+    if (!p->o->json) {
+        if (!p->chunks) printf("%12s  tag   %8s %10s %10s %12s  crc\n", "offset", "node", "first", "count", "bytes");
+        printf("%12" PRIu64 "  %s  %8s %10u %10u %12" PRIu64 "  %08x\n", c->offset, tag, node, c->first,
+               c->count, c->bytes, c->crc);
+        return;
+    }
+    printf("%s\n  {\"offset\": %" PRIu64 ", \"tag\": ", p->chunks ? "," : "", c->offset);
+    print_quoted(tag, 4);
+    printf(", \"node\": %s, \"first\": %u, \"count\": %u, \"bytes\": %" PRIu64 ", \"crc\": %u}",
+           c->node == UINT32_MAX ? "null" : node, c->first, c->count, c->bytes, c->crc);
+}
+
+static void print_box(const pbs_box *b) {
+    if (pbs_box_is_empty(b)) printf("null");
+    else
+        printf("[%.9g, %.9g, %.9g, %.9g, %.9g, %.9g]", b->min[0], b->min[1], b->min[2], b->max[0],
+               b->max[1], b->max[2]);
+}
+
+static void print_node(const printer *p, const pbs_node *n) {
+    if (p->o->json) {
+        printf("%s\n  {\"id\": %u, \"name\": ", p->nodes ? "," : "", n->id);
+        print_quoted(n->name, strlen(n->name));
+        printf(", \"children\": %u, \"triangles\": %" PRIu64 ", \"records\": %" PRIu64
+               ", \"covering\": %.9g, \"box\": ",
+               n->child_count, n->triangles, n->records, n->covering);
+        print_box(&n->box);
+        printf("}");
+        return;
+    }
+    if (!p->nodes) printf("%8s %8s %12s %10s %12s  box, name\n", "node", "children", "triangles", "records", "covering");
+    printf("%8u %8u %12" PRIu64 " %10" PRIu64 " %12.6g  ", n->id, n->child_count, n->triangles,
+           n->records, n->covering);
+    print_box(&n->box);
+    printf("  ");
+    print_name(n->name);
+    printf("\n");
+}
+
+/* ---- walking ---- */
+
+static pbs_code take(printer *p, const pbs_chunk *c, pbs_err *err) {
+    if (!p->o->nodes) {
+        print_chunk(p, c);
+        p->chunks++;
+        return PBS_OK;
+    }
+    if (c->tag != PBS_TAG_NODE) return PBS_OK;
+    pbs_node n;
+    pbs_code rc = pbs_node_read(p->run, pbs_reader_name(p->r), c, (uint32_t)p->nodes, &n, err);
+    if (rc) return rc;
+    print_node(p, &n);
+    p->nodes++;
+    pbs_node_free(p->run, &n);
+    return PBS_OK;
+}
+
+/* A file is listed from its directory, without reading the data: any size takes no time. */
+static pbs_code walk_directory(printer *p, pbs_err *err) {
+    const pbs_chunk *e;
+    size_t n;
+    pbs_code rc = pbs_reader_directory(p->r, &e, &n, err);
+    for (size_t i = 0; i < n && !rc; i++) {
+        pbs_chunk c = e[i];
+        if (p->o->nodes && c.tag == PBS_TAG_NODE) rc = pbs_reader_at(p->r, &e[i], &c, err);
+        if (!rc) rc = take(p, &c, err);
+    }
+    return rc;
+}
+
+static pbs_code walk_stream(printer *p, pbs_err *err) {
+    for (;;) {
+        pbs_chunk c;
+        bool end;
+        pbs_code rc = pbs_reader_next(p->r, &c, &end, err);
+        if (rc || end) return rc;
+        if ((rc = take(p, &c, err))) return rc;
+    }
+}
+
+static pbs_code print_file(pbs_app *app, const options *o, const char *path, pbs_err *err) {
+    printer p = {.run = &app->run, .o = o};
+    pbs_code rc = pbs_reader_open_path(&app->run, path, (1u << PBS_KINDS) - 1, &p.r, err);
+    if (rc) return rc;
+    print_header(&p);
+    rc = pbs_reader_mapped(p.r) ? walk_directory(&p, err) : walk_stream(&p, err);
+    if (!rc && o->json) printf("]}\n");
+    pbs_reader_close(p.r);
+    return rc;
+}
+
+static pbs_code check_file(pbs_app *app, const options *o, const char *path, pbs_err *err) {
+    pbs_input in;
+    pbs_checked c;
+    char name[sizeof in.name];
+    pbs_code rc = pbs_input_open(&app->run, path, &in, err);
+    if (rc) return rc;
+    memcpy(name, in.name, sizeof name);
+    if ((rc = pbs_check_file(&app->run, &in, &c, err))) return rc;
+    if (o->json) {
+        printf("{\"file\": ");
+        print_quoted(name, strlen(name));
+        printf(", \"ok\": true, \"nodes\": %" PRIu64 ", \"chunks\": %" PRIu64 ", \"records\": %" PRIu64
+               ", \"bytes\": %" PRIu64 "}\n",
+               c.nodes, c.chunks, c.records, c.bytes);
+    } else
+        printf("%s: ok: %" PRIu64 " nodes, %" PRIu64 " chunks, %" PRIu64 " records, %" PRIu64 " bytes\n",
+               name, c.nodes, c.chunks, c.records, c.bytes);
+    return PBS_OK;
+}
+
+static pbs_code work(pbs_app *app, void *opt, pbs_err *err) {
+    const options *o = opt;
+    int n = app->common.operand_count ? app->common.operand_count : 1;
+    pbs_code rc = PBS_OK;
+    for (int i = 0; i < n && !rc; i++)
+        rc = o->check ? check_file(app, o, pbs_operand(app, i), err)
+                      : print_file(app, o, pbs_operand(app, i), err);
+    return rc;
+}
+
+int main(int argc, char **argv) {
+    options o = {0};
+    return pbs_tool_main(argc, argv, &tool, &o, work);
+}

@@ -1,0 +1,247 @@
+/* pbs-sample: candidates to ordered surfels (paper 1, section 3.2), node by node. */
+#include "cmd/tool.h"
+#include "formats/exr.h"
+#include "formats/node.h"
+#include "formats/points.h"
+#include "libcore/sample.h"
+#include "libcore/spacing.h"
+#include <string.h>
+#include <strings.h>
+
+typedef struct options {
+    uint64_t count, seed, subset;
+    int method;
+    double normal_weight;
+} options;
+
+static const char *const methods[] = {"greedy", "paper", "random", NULL}; /* as pbs_method */
+
+static const pbs_option table[] = {
+    {'n', "count", PBS_COUNT, offsetof(options, count), "N", "surfels wanted (default 100k)", 1, 4e9,
+     NULL, true},
+    {0, "method", PBS_CHOICE, offsetof(options, method), "METHOD", "how surfels are chosen", 0, 0,
+     methods, true},
+    {'w', "normal-weight", PBS_REAL, offsetof(options, normal_weight), "W",
+     "0: plain Euclid, 1: opposite sides are far apart (default 1)", 0, 1, NULL, true},
+    {0, "subset", PBS_COUNT, offsetof(options, subset), "N",
+     "candidates a round of the paper's method looks at (default 200)", 1, 1e6, NULL, true},
+    {0, "seed", PBS_COUNT, offsetof(options, seed), "N", "another first surfel (default 0)", 0, 9e15,
+     NULL, true},
+};
+
+static const pbs_tool tool = {"pbs-sample", "Orders candidates into surfels of which every prefix covers evenly",
+                              "[FILE | EXR...]", 0, -1, table, sizeof table / sizeof table[0], false};
+
+typedef struct job {
+    pbs_app *app;
+    const options *o;
+    pbs_writer *w;
+    pbs_sampler *sampler;
+    pbs_record in, out;
+    pbs_points candidates; /* of the node that is being read */
+    size_t cap;
+    uint64_t total_in, total_out, duplicates, invalid, nodes;
+    double covering, min_spacing, median;
+} job;
+
+/* ---- one node ---- */
+
+static void gather(const pbs_points *from, const uint32_t *order, const float *spacing,
+                   pbs_points *to) {
+    for (size_t i = 0; i < to->count; i++) {
+        size_t k = order[i];
+        memcpy(to->position + 3 * i, from->position + 3 * k, 12);
+        to->spacing[i] = spacing[i];
+        if (to->normal) memcpy(to->normal + 2 * i, from->normal + 2 * k, 4);
+        if (to->colour) memcpy(to->colour + 4 * i, from->colour + 4 * k, 4);
+        if (to->material) memcpy(to->material + 4 * i, from->material + 4 * k, 4);
+        if (to->emissive) memcpy(to->emissive + 4 * i, from->emissive + 4 * k, 4);
+    }
+}
+
+static void add_totals(job *j, const pbs_sample_result *r, const pbs_points *surfels,
+                       const pbs_spacing *even) {
+    j->nodes++;
+    j->total_in += j->candidates.count;
+    j->total_out += r->count;
+    j->duplicates += r->duplicates;
+    j->invalid += r->invalid;
+    j->covering = fmax(j->covering, r->covering);
+    j->median = fmax(j->median, even->median);
+    for (size_t i = 1; i < surfels->count; i++)
+        if (!(j->min_spacing <= surfels->spacing[i])) j->min_spacing = surfels->spacing[i];
+}
+
+static pbs_code emit(job *j, pbs_node *node, const uint32_t *order, const float *spacing,
+                     const pbs_sample_result *r, pbs_err *err) {
+    pbs_points surfels;
+    pbs_spacing even;
+    pbs_run *run = &j->app->run;
+    pbs_code rc = pbs_points_alloc(run, j->out.channels, r->count, &surfels, err);
+    if (rc) return rc;
+    gather(&j->candidates, order, spacing, &surfels);
+    pbs_spacing_of_prefix(&surfels, &even);
+    rc = pbs_points_write(run, j->w, &j->out, node->id, &surfels, 0, PBS_POINTS_CHUNK, NULL, err);
+    add_totals(j, r, &surfels, &even);
+    pbs_points_free(run, &surfels);
+    node->records = r->count;
+    node->covering = r->covering;
+    node->median = even.median;
+    node->median_count = even.count;
+    return rc ? rc : pbs_node_write(j->w, node, err);
+}
+
+static pbs_code sample_node(job *j, pbs_node *node, pbs_err *err) {
+    pbs_run *run = &j->app->run;
+    pbs_sample_params p = {.count = j->o->count,
+                           .method = (pbs_method)j->o->method,
+                           .normal_weight = (float)j->o->normal_weight,
+                           .seed = j->o->seed,
+                           .node = node->id,
+                           .subset = (uint32_t)j->o->subset};
+    size_t n = j->candidates.count < p.count ? j->candidates.count : (size_t)p.count;
+    uint32_t *order = NULL;
+    float *spacing = NULL;
+    pbs_sample_result r;
+    pbs_run_progress(run, "sampling", node->id, 0);
+    pbs_code rc = pbs_mem_plan(run, pbs_sample_need(j->candidates.count, &p) + n * (8 + j->out.stride),
+                               "the sampler", err);
+    if (!rc) rc = pbs_alloc(run, &order, n, sizeof *order, "the order", err);
+    if (!rc) rc = pbs_alloc(run, &spacing, n, sizeof *spacing, "the spacing", err);
+    if (!rc) rc = pbs_sample(j->sampler, &j->candidates, &p, order, spacing, &r, err);
+    if (!rc) rc = emit(j, node, order, spacing, &r, err);
+    pbs_free(run, order);
+    pbs_free(run, spacing);
+    j->candidates.count = 0;
+    return rc;
+}
+
+/* ---- a stream of nodes ---- */
+
+static pbs_code open_writer(job *j, const char *history, pbs_err *err) {
+    char channels[256];
+    j->out = pbs_record_make(j->in.channels | PBS_SPACING, false);
+    pbs_record_text(&j->out, channels);
+    return pbs_writer_open(&j->app->run,
+                           &(pbs_writer_desc){.path = j->app->common.output,
+                                              .kind = PBS_SURFELS,
+                                              .channels = channels,
+                                              .history = history,
+                                              .stage = j->app->stage},
+                           &j->w, err);
+}
+
+static pbs_code take_points(job *j, const char *name, const pbs_chunk *c, pbs_err *err) {
+    if (c->node != j->nodes)
+        return pbs_fail(err, PBS_DATA, "%s: points of node %u where %llu is expected", name, c->node,
+                        (unsigned long long)j->nodes);
+    pbs_code rc = pbs_points_grow(&j->app->run, j->in.channels, &j->candidates, &j->cap,
+                                  j->candidates.count + c->count, err);
+    return rc ? rc : pbs_points_read(name, &j->in, c, &j->candidates, NULL, err);
+}
+
+static pbs_code take_node(job *j, const char *name, const pbs_chunk *c, pbs_err *err) {
+    pbs_node node;
+    pbs_code rc = pbs_node_read(&j->app->run, name, c, (uint32_t)j->nodes, &node, err);
+    if (rc) return rc;
+    if (node.records != j->candidates.count)
+        rc = pbs_fail(err, PBS_DATA, "%s: node %u: %llu of its points are missing", name, node.id,
+                      (unsigned long long)(node.records - j->candidates.count));
+    if (!rc) rc = sample_node(j, &node, err);
+    pbs_node_free(&j->app->run, &node);
+    return rc;
+}
+
+/* What this program does not know it passes on. */
+static pbs_code take_other(job *j, const pbs_chunk *c, pbs_err *err) {
+    pbs_piece piece = {c->payload, (size_t)c->bytes};
+    return pbs_writer_chunk(j->w, c, &piece, 1, err);
+}
+
+static pbs_code sample_stream(job *j, pbs_err *err) {
+    pbs_reader *r;
+    pbs_code rc = pbs_reader_open_path(&j->app->run, pbs_operand(j->app, 0),
+                                       PBS_KIND(PBS_CANDIDATES), &r, err);
+    if (rc) return rc;
+    const char *name = pbs_reader_name(r);
+    rc = pbs_record_parse(name, pbs_reader_channels(r), &j->in, err);
+    if (!rc && (j->in.packed || j->in.channels & PBS_SPACING))
+        rc = pbs_fail(err, PBS_DATA, "%s: candidates with channels of surfels", name);
+    if (!rc) rc = open_writer(j, pbs_reader_history(r), err);
+    for (bool end = false; !rc;) {
+        pbs_chunk c;
+        rc = pbs_reader_next(r, &c, &end, err);
+        if (rc || end) break;
+        if (c.tag == PBS_TAG_POINTS) rc = take_points(j, name, &c, err);
+        else if (c.tag == PBS_TAG_NODE) rc = take_node(j, name, &c, err);
+        else rc = take_other(j, &c, err);
+    }
+    if (!rc && (j->candidates.count || !j->nodes))
+        rc = pbs_fail(err, PBS_DATA, "%s: %s", name, j->nodes ? "points without a node" : "no node in it");
+    pbs_reader_close(r);
+    return rc;
+}
+
+/* ---- EXR files: one node of all views ---- */
+
+static bool is_exr(const char *path) {
+    size_t n = path ? strlen(path) : 0;
+    return n > 4 && !strcasecmp(path + n - 4, ".exr");
+}
+
+static pbs_code sample_exr(job *j, pbs_err *err) {
+    pbs_run *run = &j->app->run;
+    pbs_node node = {.name = "", .box = PBS_BOX_EMPTY};
+    pbs_code rc = PBS_OK;
+    for (int i = 0; i < j->app->common.operand_count && !rc; i++)
+        rc = pbs_exr_read_views(run, pbs_operand(j->app, i), &j->in.channels, &j->candidates,
+                                &j->cap, err);
+    if (!rc && !j->candidates.count)
+        rc = pbs_fail(err, PBS_DATA, "%s: no pixel is covered", pbs_operand(j->app, 0));
+    if (!rc) rc = open_writer(j, NULL, err);
+    if (rc) return rc;
+    for (size_t i = 0; i < j->candidates.count; i++) {
+        const float *p = j->candidates.position + 3 * i;
+        double v[3] = {p[0], p[1], p[2]};
+        pbs_box_add(&node.box, v);
+    }
+    return sample_node(j, &node, err);
+}
+
+static void add_stats(job *j) {
+    pbs_app *app = j->app;
+    pbs_stat_count(app, "nodes", j->nodes);
+    pbs_stat_count(app, "candidates", j->total_in);
+    pbs_stat_count(app, "surfels", j->total_out);
+    pbs_stat_count(app, "candidates_coincident", j->duplicates);
+    pbs_stat_count(app, "candidates_invalid", j->invalid);
+    pbs_stat_real(app, "covering_radius", j->covering);
+    pbs_stat_real(app, "min_spacing", j->total_out > j->nodes ? j->min_spacing : 0);
+    pbs_stat_real(app, "median_spacing_1000", j->median);
+    pbs_stat_count(app, "bytes", pbs_writer_bytes(j->w));
+    if (j->invalid)
+        pbs_note(app, "left out: %llu candidates with NaN or infinite positions",
+                 (unsigned long long)j->invalid);
+}
+
+static pbs_code work(pbs_app *app, void *opt, pbs_err *err) {
+    job j = {.app = app, .o = opt, .min_spacing = NAN};
+    pbs_code rc = pbs_sampler_new(&app->run, &j.sampler, err);
+    if (rc) return rc;
+    if (is_exr(pbs_operand(app, 0))) rc = sample_exr(&j, err);
+    else if (app->common.operand_count > 1)
+        rc = pbs_fail(err, PBS_USAGE, "%s: one file of candidates, or any number of EXR files",
+                      pbs_operand(app, 1));
+    else rc = sample_stream(&j, err);
+    if (!rc) rc = pbs_writer_commit(j.w, err);
+    if (!rc) add_stats(&j);
+    pbs_writer_close(j.w);
+    pbs_points_free(&app->run, &j.candidates);
+    pbs_sampler_free(j.sampler);
+    return rc;
+}
+
+int main(int argc, char **argv) {
+    options o = {.count = 100000, .normal_weight = 1, .subset = 200};
+    return pbs_tool_main(argc, argv, &tool, &o, work);
+}

@@ -1,0 +1,120 @@
+#include "cmd/pbs-view/show.h"
+#include "cmd/pbs-view/cut.h"
+#include "formats/dag.h"
+#include <string.h>
+
+static pbs_code open_scene(pbs_show *s, const char *path, pbs_err *err) {
+    pbs_scene_options so = {s->options->ignore_missing};
+    pbs_code rc = pbs_scene_open(s->run, path, &so, &s->scene, err);
+    if (rc) return rc;
+    rc = pbs_scene_flatten(&s->scene, &s->flat, err);
+    if (rc) return rc;
+    s->box = s->flat.box;
+    for (size_t i = 0; i < s->flat.count; i++)
+        for (int k = 0; k < 3; k++) s->flat.draws[i].m[4 * k + 3] += s->flat.origin[k];
+    return pbs_scene_images(&s->scene, &s->images, err);
+}
+
+pbs_code pbs_show_open(pbs_run *run, const pbs_show_options *o, const char *path, pbs_show *s,
+                       pbs_err *err) {
+    memset(s, 0, sizeof *s);
+    s->run = run;
+    s->options = o;
+    pbs_code rc = o->geometry ? open_scene(s, path, err) : pbs_archive_open(run, path, &s->archive, err);
+    if (!rc && !o->geometry) s->box = s->archive.nodes[s->archive.node_count - 1].box;
+    if (!rc) {
+        pbs_camera_desc d = {.aspect = (double)o->width / (double)o->height};
+        pbs_camera_frame(&s->camera, &s->box, &d);
+        if (o->camera) rc = pbs_camera_parse(&s->camera, o->camera, err);
+    }
+    if (rc) pbs_show_close(s);
+    return rc;
+}
+
+/* ---- which surfels ---- */
+
+typedef struct cut {
+    pbs_show *show;
+    const pbs_camera *camera;
+    size_t count;
+} cut;
+
+static pbs_spacings spacings_of(const pbs_archive *a, const pbs_node *n) {
+    return (pbs_spacings){a->records[n->id] + pbs_record_at(&a->record, PBS_SPACING),
+                          a->record.stride, (uint32_t)n->records, 65535 * n->lattice, n->covering};
+}
+
+/* With --prefix the discs close the surface whatever it costs in shape; without, they are as
+ * large as the camera allows and the prefix is what closes the surface then (paper 1, 4.1). */
+static void choose(const cut *c, const pbs_node *n, const double m[12], pbs_surfels *out) {
+    const pbs_show_options *o = c->show->options;
+    pbs_spacings s = spacings_of(&c->show->archive, n);
+    if (o->prefix) {
+        out->prefix = o->prefix < s.count ? (uint32_t)o->prefix : s.count;
+    } else {
+        double depth = pbs_cut_depth(c->camera, (double)o->width / (double)o->height, &n->box, m);
+        double wanted = pbs_cut_wanted(c->camera, (unsigned)o->height, depth, o->surfel_size, m);
+        out->prefix = pbs_cut_prefix(&s, wanted);
+    }
+    out->radius = pbs_cut_radius(&s, out->prefix);
+}
+
+/* A node with surfels stands for everything below it. */
+static pbs_code visit(void *ctx, uint32_t id, const double m[12], bool *descend, pbs_err *err) {
+    cut *c = ctx;
+    pbs_show *s = c->show;
+    const pbs_archive *a = &s->archive;
+    const pbs_node *n = &a->nodes[id];
+    if (!a->records[id]) return PBS_OK;
+    *descend = false;
+    const pbs_show_options *o = s->options;
+    if (!pbs_cut_visible(c->camera, (double)o->width / (double)o->height, &n->box, n->covering, m))
+        return PBS_OK;
+    pbs_code rc = pbs_grow(s->run, &s->list, &s->list_cap, c->count + 1, sizeof *s->list,
+                           "the list of what is drawn", err);
+    if (rc) return rc;
+    pbs_surfels *d = &s->list[c->count++];
+    *d = (pbs_surfels){.records = a->records[id],
+                       .stride = a->record.stride,
+                       .channels = a->record.channels,
+                       .step = n->lattice};
+    for (int k = 0; k < 3; k++) d->corner[k] = n->origin[k] + n->lattice_min[k];
+    memcpy(d->m, m, sizeof d->m);
+    choose(c, n, m, d);
+    s->drawn_nodes++;
+    s->drawn_surfels += d->prefix;
+    return PBS_OK;
+}
+
+static pbs_code draw_archive(pbs_show *s, pbs_canvas *canvas, const pbs_camera *camera,
+                             pbs_err *err) {
+    cut c = {s, camera, 0};
+    pbs_code rc = pbs_dag_walk(s->run, s->archive.nodes, s->archive.node_count, visit, &c, err);
+    return rc ? rc : pbs_canvas_surfels(canvas, s->list, c.count, err);
+}
+
+static pbs_code draw_scene(pbs_show *s, pbs_canvas *canvas, pbs_err *err) {
+    pbs_meshes m = {s->flat.draws,           s->flat.count, s->scene.materials,
+                    s->scene.material_count, s->images,     s->scene.texture_count};
+    s->drawn_nodes = s->flat.count;
+    s->drawn_triangles = s->flat.triangles;
+    return pbs_canvas_meshes(canvas, &m, err);
+}
+
+pbs_code pbs_show_draw(pbs_show *s, pbs_canvas *canvas, const pbs_camera *camera, pbs_err *err) {
+    pbs_frame frame = {.camera = *camera};
+    s->drawn_nodes = s->drawn_surfels = s->drawn_triangles = 0;
+    pbs_code rc = pbs_canvas_begin(canvas, &frame, err);
+    if (rc) return rc;
+    return s->options->geometry ? draw_scene(s, canvas, err) : draw_archive(s, canvas, camera, err);
+}
+
+void pbs_show_close(pbs_show *s) {
+    pbs_run *run = s->run;
+    pbs_images_free(run, s->images, s->scene.texture_count);
+    pbs_free(run, s->flat.draws);
+    pbs_free(run, s->list);
+    if (s->scene.run) pbs_scene_close(&s->scene);
+    if (s->archive.run) pbs_archive_close(&s->archive);
+    memset(s, 0, sizeof *s);
+}

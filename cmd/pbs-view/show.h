@@ -1,0 +1,37 @@
+/* show.h: what is shown: an archive, or a scene's full geometry, opened once and drawn any number
+ * of times onto a canvas. */
+#ifndef PBS_SHOW_H
+#define PBS_SHOW_H
+
+#include "cmd/pbs-view/draw.h"
+#include "formats/archive.h"
+#include "formats/scene.h"
+
+typedef struct pbs_show_options {
+    const char *shot, *camera, *device;
+    uint64_t prefix, width, height, samples;
+    double surfel_size;
+    bool geometry, ignore_missing;
+} pbs_show_options;
+
+typedef struct pbs_show {
+    pbs_run *run;
+    const pbs_show_options *options;
+    pbs_camera camera; /* the one asked for, or all in view */
+    pbs_box box;       /* of everything, world coordinates */
+    pbs_archive archive;
+    pbs_scene scene; /* with --geometry */
+    pbs_flat flat;
+    pbs_image *images;
+    uint64_t drawn_nodes, drawn_surfels, drawn_triangles; /* of the last draw */
+    pbs_surfels *list; /* of the last draw */
+    size_t list_cap;
+} pbs_show;
+
+/* options are borrowed until close. */
+pbs_code pbs_show_open(pbs_run *run, const pbs_show_options *options, const char *path,
+                       pbs_show *out, pbs_err *err);
+/* Clears the canvas and draws; the caller ends it. */
+pbs_code pbs_show_draw(pbs_show *show, pbs_canvas *canvas, const pbs_camera *camera, pbs_err *err);
+void pbs_show_close(pbs_show *show);
+#endif

@@ -1,0 +1,192 @@
+#include "cmd/tool.h"
+#include <errno.h>
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <time.h>
+#include <unistd.h>
+
+static volatile sig_atomic_t cancelled;
+
+static void on_signal(int sig) {
+    cancelled = 1;
+    signal(sig, SIG_DFL); /* a second one ends at once */
+}
+
+static double now(void) {
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + (double)t.tv_nsec * 1e-9;
+}
+
+/* Without SA_RESTART: a read that waits for a pipe returns and looks at the flag. A signal that
+ * was ignored when we started (nohup) stays ignored. */
+static void catch_signals(void) {
+    const int sigs[] = {SIGINT, SIGTERM, SIGHUP};
+    for (int i = 0; i < 3; i++) {
+        struct sigaction a = {.sa_handler = on_signal}, old;
+        sigaction(sigs[i], NULL, &old);
+        if (old.sa_handler != SIG_IGN) sigaction(sigs[i], &a, NULL);
+    }
+    signal(SIGPIPE, SIG_IGN); /* a closed pipe is an error of write */
+}
+
+/* ---- progress: a terminal only, at most six times a second ---- */
+
+static void draw_progress(void *ctx, const char *what, uint64_t done, uint64_t total) {
+    pbs_app *app = ctx;
+    double t = now(), last;
+    __atomic_load(&app->drawn, &last, __ATOMIC_RELAXED);
+    if (t - last < 1.0 / 6 || !__atomic_compare_exchange(&app->drawn, &last, &t, false,
+                                                         __ATOMIC_RELAXED, __ATOMIC_RELAXED))
+        return;
+    app->progress_shown = true;
+    if (!total || done > total) {
+        fprintf(stderr, "\r\033[K%s: %s", app->tool->name, what);
+        return;
+    }
+    double share = (double)done / (double)total, left = (t - app->start) * (1 - share) / share;
+    fprintf(stderr, "\r\033[K%s: %s %3.0f %%", app->tool->name, what, 100 * share);
+    if (share > 0.02) fprintf(stderr, ", %.0f s left", ceil(left));
+}
+
+static void clear_progress(pbs_app *app) {
+    if (app->progress_shown) fprintf(stderr, "\r\033[K");
+    app->progress_shown = false;
+}
+
+/* ---- limits ---- */
+
+static uint64_t from_environment(const char *name, pbs_option_type type) {
+    const char *s = getenv(name);
+    double v;
+    return s && !pbs_cli_number(s, type, &v, NULL) ? (uint64_t)v : 0;
+}
+
+static pbs_code set_limits(pbs_app *app, pbs_err *err) {
+    long cpus = sysconf(_SC_NPROCESSORS_ONLN);
+    uint64_t j = app->common.threads, m = app->common.memory;
+    if (!j) j = from_environment("PBS_THREADS", PBS_COUNT);
+    if (!j) j = cpus > 0 ? (uint64_t)cpus : 1;
+    if (!m) m = from_environment("PBS_MEMORY", PBS_BYTES);
+    if (!m) m = (uint64_t)sysconf(_SC_PHYS_PAGES) * (uint64_t)sysconf(_SC_PAGESIZE) / 2;
+    app->run = (pbs_run){.threads = j > 256 ? 256 : (int)j, .mem_limit = m, .cancel = &cancelled};
+    if (isatty(2) && !app->common.quiet) {
+        app->run.progress = draw_progress;
+        app->run.progress_ctx = app;
+    }
+    return pbs_mem_take(&app->run, PBS_MEM_BASE, "the program itself", err);
+}
+
+/* ---- statistics ---- */
+
+static void add_stat(pbs_app *app, const char *name, double value, bool integer) {
+    if (app->stat_count < (int)(sizeof app->stats / sizeof app->stats[0]))
+        app->stats[app->stat_count++] = (struct pbs_stat){name, value, integer};
+}
+void pbs_stat_count(pbs_app *app, const char *name, uint64_t value) {
+    add_stat(app, name, (double)value, true);
+}
+void pbs_stat_real(pbs_app *app, const char *name, double value) {
+    add_stat(app, name, value, false);
+}
+
+static double seconds(struct timeval t) { return (double)t.tv_sec + (double)t.tv_usec * 1e-6; }
+
+static void add_costs(pbs_app *app) {
+    struct rusage u;
+    getrusage(RUSAGE_SELF, &u);
+    pbs_stat_real(app, "seconds", now() - app->start);
+    pbs_stat_real(app, "cpu_seconds", seconds(u.ru_utime) + seconds(u.ru_stime));
+    pbs_stat_count(app, "memory_counted", pbs_mem_peak(&app->run));
+    pbs_stat_count(app, "memory_resident", (uint64_t)u.ru_maxrss * 1024);
+}
+
+static void print_stat(FILE *f, const struct pbs_stat *s) {
+    if (s->integer) fprintf(f, "%.0f", s->value);
+    else if (isfinite(s->value)) fprintf(f, "%.9g", s->value);
+    else fprintf(f, "null");
+}
+
+static pbs_code write_stats(pbs_app *app, pbs_err *err) {
+    add_costs(app);
+    for (int i = 0; i < app->stat_count && app->common.verbose; i++) {
+        fprintf(stderr, "%s: %s ", app->tool->name, app->stats[i].name);
+        print_stat(stderr, &app->stats[i]);
+        fprintf(stderr, "\n");
+    }
+    if (!app->common.stats) return PBS_OK;
+    FILE *f = fopen(app->common.stats, "w");
+    if (!f) return pbs_fail_errno(err, "%s", app->common.stats);
+    fprintf(f, "{\"program\": \"%s\", \"version\": \"%s\"", app->tool->name, PBS_VERSION);
+    for (int i = 0; i < app->stat_count; i++) {
+        fprintf(f, ",\n \"%s\": ", app->stats[i].name);
+        print_stat(f, &app->stats[i]);
+    }
+    fprintf(f, "}\n");
+    if (ferror(f) | fclose(f)) return pbs_fail_errno(err, "%s", app->common.stats);
+    return PBS_OK;
+}
+
+/* ---- the frame ---- */
+
+const char *pbs_operand(const pbs_app *app, int i) {
+    return i < app->common.operand_count ? app->common.operands[i] : NULL;
+}
+
+void pbs_note(pbs_app *app, const char *fmt, ...) {
+    if (app->common.quiet) return;
+    va_list ap;
+    va_start(ap, fmt);
+    clear_progress(app);
+    fprintf(stderr, "%s: ", app->tool->name);
+    vfprintf(stderr, fmt, ap);
+    fprintf(stderr, "\n");
+    va_end(ap);
+}
+
+/* Text on standard output is an output too: a full disk is an error. */
+static pbs_code flush_stdout(pbs_err *err) {
+    if (fflush(stdout) || ferror(stdout)) return pbs_fail_errno(err, "standard output");
+    return PBS_OK;
+}
+
+static pbs_code print_and_end(const pbs_app *app, pbs_err *err) {
+    if (app->common.version) {
+        printf("%s %s\n", app->tool->name, PBS_VERSION);
+    } else {
+        char *help = pbs_cli_help(app->tool);
+        if (!help) return pbs_fail(err, PBS_LIMIT, "no memory");
+        fputs(help, stdout);
+        free(help);
+    }
+    return flush_stdout(err);
+}
+
+static pbs_code run(pbs_app *app, void *options,
+                    pbs_code (*work)(pbs_app *, void *, pbs_err *), pbs_err *err) {
+    if (app->common.help || app->common.version) return print_and_end(app, err);
+    pbs_code rc = set_limits(app, err);
+    if (rc) return rc;
+    if (!(app->stage = pbs_cli_stage(app->tool, options, &app->common)))
+        return pbs_fail(err, PBS_LIMIT, "no memory");
+    catch_signals();
+    rc = work(app, options, err);
+    clear_progress(app);
+    if (!rc) rc = flush_stdout(err);
+    return rc ? rc : write_stats(app, err);
+}
+
+int pbs_tool_main(int argc, char **argv, const pbs_tool *tool, void *options,
+                  pbs_code (*work)(pbs_app *app, void *options, pbs_err *err)) {
+    pbs_app app = {.tool = tool, .start = now()};
+    pbs_err err = {0};
+    pbs_code rc = pbs_cli_parse(tool, argc, argv, options, &app.common, &err);
+    if (!rc) rc = run(&app, options, work, &err);
+    free(app.stage);
+    if (rc) fprintf(stderr, "%s: %s\n", tool->name, err.text);
+    return rc;
+}

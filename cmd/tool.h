@@ -1,0 +1,37 @@
+/* tool.h: what all programs share around their work: options, signals, threads and memory,
+ * progress, notes, statistics, the one line of an error, the exit status. */
+#ifndef PBS_TOOL_H
+#define PBS_TOOL_H
+
+#include "libcore/cli.h"
+#include "libcore/run.h"
+
+typedef struct pbs_app {
+    const pbs_tool *tool;
+    pbs_common common;
+    pbs_run run;
+    char *stage; /* provenance of this run */
+    struct pbs_stat {
+        const char *name;
+        double value;
+        bool integer;
+    } stats[48];
+    int stat_count;
+    double start, drawn; /* seconds; when progress was last drawn */
+    bool progress_shown;
+} pbs_app;
+
+/* Parses, runs work and ends: returns the exit status. options holds the defaults. */
+int pbs_tool_main(int argc, char **argv, const pbs_tool *tool, void *options,
+                  pbs_code (*work)(pbs_app *app, void *options, pbs_err *err));
+
+/* Operand i, or NULL: standard input. */
+const char *pbs_operand(const pbs_app *app, int i);
+
+/* A line on standard error, unless -q. */
+void pbs_note(pbs_app *app, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
+
+/* Named numbers for --stats and -v; name is a literal, lower case with underscores. */
+void pbs_stat_count(pbs_app *app, const char *name, uint64_t value);
+void pbs_stat_real(pbs_app *app, const char *name, double value);
+#endif

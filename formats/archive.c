@@ -1,0 +1,107 @@
+#include "formats/archive.h"
+#include <string.h>
+
+static pbs_code count_nodes(pbs_archive *a, const pbs_chunk *e, size_t n, pbs_err *err) {
+    size_t count = 0;
+    for (size_t i = 0; i < n; i++) count += e[i].tag == PBS_TAG_NODE;
+    if (!count) return pbs_fail(err, PBS_DATA, "%s: no node in it", pbs_reader_name(a->reader));
+    pbs_code rc = pbs_alloc(a->run, &a->nodes, count, sizeof *a->nodes, "the nodes", err);
+    if (!rc) rc = pbs_alloc(a->run, &a->records, count, sizeof *a->records, "the nodes", err);
+    if (!rc) rc = pbs_alloc(a->run, &a->joined, count, sizeof *a->joined, "the nodes", err);
+    if (rc) return rc;
+    memset(a->records, 0, count * sizeof *a->records);
+    memset(a->joined, 0, count * sizeof *a->joined);
+    return PBS_OK;
+}
+
+static pbs_code read_nodes(pbs_archive *a, const pbs_chunk *e, size_t n, pbs_err *err) {
+    for (size_t i = 0; i < n; i++) {
+        if (e[i].tag != PBS_TAG_NODE) continue;
+        pbs_chunk c;
+        pbs_code rc = pbs_reader_at(a->reader, &e[i], &c, err);
+        if (!rc)
+            rc = pbs_node_read(a->run, pbs_reader_name(a->reader), &c, (uint32_t)a->node_count,
+                               &a->nodes[a->node_count], err);
+        if (rc) return rc;
+        a->node_count++;
+    }
+    return PBS_OK;
+}
+
+static pbs_code take_points(pbs_archive *a, const pbs_chunk *c, pbs_err *err) {
+    const pbs_node *n = c->node < a->node_count ? &a->nodes[c->node] : NULL;
+    if (!n || c->bytes != (uint64_t)c->count * a->record.stride || !(n->lattice > 0) ||
+        c->count > n->records || c->first > n->records - c->count)
+        return pbs_fail(err, PBS_DATA, "%s: points of node %u do not fit it",
+                        pbs_reader_name(a->reader), c->node);
+    if (c->count == n->records) {
+        a->records[c->node] = c->payload;
+        return PBS_OK;
+    }
+    pbs_code rc;
+    uint8_t **joined = &a->joined[c->node];
+    if (!*joined) {
+        rc = pbs_alloc(a->run, joined, n->records, a->record.stride, "a node's surfels", err);
+        if (rc) return rc;
+        memset(*joined, 0, (size_t)n->records * a->record.stride);
+    }
+    memcpy(*joined + (size_t)c->first * a->record.stride, c->payload, (size_t)c->bytes);
+    a->records[c->node] = *joined;
+    return PBS_OK;
+}
+
+static pbs_code check_counts(const pbs_archive *a, const pbs_chunk *e, size_t n, pbs_err *err) {
+    uint64_t have = 0, want = 0;
+    for (size_t i = 0; i < n; i++) have += e[i].tag == PBS_TAG_POINTS ? e[i].count : 0;
+    for (size_t i = 0; i < a->node_count; i++) want += a->nodes[i].records;
+    if (have == want) return PBS_OK;
+    return pbs_fail(err, PBS_DATA, "%s: %llu points where its nodes have %llu",
+                    pbs_reader_name(a->reader), (unsigned long long)have, (unsigned long long)want);
+}
+
+static pbs_code read_archive(pbs_archive *a, pbs_err *err) {
+    const pbs_chunk *e;
+    size_t n;
+    const char *name = pbs_reader_name(a->reader);
+    pbs_code rc = pbs_record_parse(name, pbs_reader_channels(a->reader), &a->record, err);
+    if (!rc && !a->record.packed) rc = pbs_fail(err, PBS_DATA, "%s: not an archive's records", name);
+    if (!rc) rc = pbs_reader_directory(a->reader, &e, &n, err);
+    if (!rc) rc = count_nodes(a, e, n, err);
+    if (!rc) rc = read_nodes(a, e, n, err);
+    if (!rc) rc = check_counts(a, e, n, err);
+    for (size_t i = 0; !rc && i < n; i++) {
+        pbs_chunk c;
+        if (e[i].tag != PBS_TAG_POINTS) continue;
+        rc = pbs_reader_at(a->reader, &e[i], &c, err);
+        if (!rc) rc = take_points(a, &c, err);
+    }
+    return rc;
+}
+
+pbs_code pbs_archive_open(pbs_run *run, const char *path, pbs_archive *a, pbs_err *err) {
+    memset(a, 0, sizeof *a);
+    a->run = run;
+    pbs_input in;
+    pbs_code rc = pbs_input_open(run, path, &in, err);
+    if (rc) return rc;
+    if ((rc = pbs_input_map(&in, err))) {
+        pbs_input_close(&in);
+        return rc;
+    }
+    rc = pbs_reader_open(run, &in, PBS_KIND(PBS_ARCHIVE), &a->reader, err);
+    if (!rc) rc = read_archive(a, err);
+    if (rc) pbs_archive_close(a);
+    return rc;
+}
+
+void pbs_archive_close(pbs_archive *a) {
+    for (size_t i = 0; i < a->node_count; i++) {
+        pbs_node_free(a->run, &a->nodes[i]);
+        pbs_free(a->run, a->joined[i]);
+    }
+    pbs_free(a->run, a->nodes);
+    pbs_free(a->run, a->records);
+    pbs_free(a->run, a->joined);
+    pbs_reader_close(a->reader);
+    memset(a, 0, sizeof *a);
+}

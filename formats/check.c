@@ -1,0 +1,160 @@
+#include "formats/check.h"
+#include "formats/meshbuild.h"
+#include "formats/node.h"
+#include "formats/points.h"
+#include <string.h>
+
+typedef struct state {
+    pbs_run *run;
+    pbs_reader *r;
+    const char *name;
+    pbs_record record;
+    bool has_records, archive;
+    const pbs_chunk *entries; /* of the directory; NULL: a pipe */
+    size_t entry_count;
+    uint64_t *records; /* of each node so far */
+    double (*lattice)[4];
+    size_t cap, lattice_cap;
+    pbs_checked *out;
+} state;
+
+static pbs_code bad(const state *s, const pbs_chunk *c, const char *what, pbs_err *err) {
+    char tag[5];
+    return pbs_fail(err, PBS_DATA, "%s: byte %llu: chunk %s of node %u: %s", s->name,
+                    (unsigned long long)c->offset, pbs_tag_text(c->tag, tag), c->node, what);
+}
+
+static pbs_code check_entry(state *s, const pbs_chunk *c, uint64_t i, pbs_err *err) {
+    if (!s->entries) return PBS_OK;
+    if (i >= s->entry_count) return bad(s, c, "not in the directory", err);
+    const pbs_chunk *e = &s->entries[i];
+    if (e->tag != c->tag || e->flags != c->flags || e->node != c->node || e->count != c->count ||
+        e->offset != c->offset || e->bytes != c->bytes || e->crc != c->crc || e->first != c->first)
+        return bad(s, c, "differs from the directory", err);
+    return PBS_OK;
+}
+
+static pbs_code room_for_node(state *s, uint32_t id, pbs_err *err) {
+    size_t old = s->cap;
+    if (id >= s->out->chunks + 1) return PBS_OK; /* damaged: found when the nodes are counted */
+    pbs_code rc = pbs_grow(s->run, &s->records, &s->cap, (size_t)id + 1, sizeof *s->records,
+                           "the table of nodes", err);
+    if (rc) return rc;
+    memset(s->records + old, 0, (s->cap - old) * sizeof *s->records);
+    return pbs_grow(s->run, &s->lattice, &s->lattice_cap, s->cap, sizeof *s->lattice,
+                    "the table of nodes", err);
+}
+
+static pbs_code check_values(state *s, const pbs_chunk *c, const pbs_points *p, pbs_err *err) {
+    for (size_t i = c->first; i < p->count; i++) {
+        for (int k = 0; k < 3; k++)
+            if (!isfinite(p->position[3 * i + k])) return bad(s, c, "a position is not finite", err);
+        if (!p->spacing) continue;
+        if (!(p->spacing[i] >= 0) || !isfinite(p->spacing[i]))
+            return bad(s, c, "a spacing is not a distance", err);
+    }
+    return PBS_OK;
+}
+
+static pbs_code check_points(state *s, const pbs_chunk *c, pbs_err *err) {
+    pbs_points p;
+    if (!s->has_records) return bad(s, c, "points in a file of another kind", err);
+    if (c->node >= s->cap) return bad(s, c, "there is no such node", err);
+    if (s->records[c->node] != c->first) return bad(s, c, "does not follow the points before", err);
+    /* One chunk at a time: pretend that it is the first. */
+    pbs_chunk one = *c;
+    one.first = 0;
+    pbs_code rc = pbs_points_alloc(s->run, s->record.channels, c->count, &p, err);
+    if (rc) return rc;
+    p.count = 0;
+    const double *l = s->lattice[c->node];
+    pbs_lattice lattice = {{l[0], l[1], l[2]}, l[3]};
+    if (s->record.packed && !(lattice.step > 0)) rc = bad(s, c, "its node has no lattice", err);
+    if (!rc) rc = pbs_points_read(s->name, &s->record, &one, &p, &lattice, err);
+    if (!rc) rc = check_values(s, &one, &p, err);
+    pbs_points_free(s->run, &p);
+    s->records[c->node] += c->count;
+    s->out->records += c->count;
+    return rc;
+}
+
+/* In streams a node follows its points; in archives it comes before them. */
+static pbs_code check_node(state *s, const pbs_chunk *c, pbs_err *err) {
+    pbs_node n;
+    pbs_code rc = pbs_node_read(s->run, s->name, c, (uint32_t)s->out->nodes, &n, err);
+    if (!rc) rc = room_for_node(s, n.id, err);
+    if (rc) return rc;
+    s->out->nodes++;
+    if (!s->archive && s->records[n.id] != n.records)
+        rc = bad(s, c, "has not as many records as it says", err);
+    if (s->archive) s->records[n.id] = 0;
+    memcpy(s->lattice[n.id], n.lattice_min, sizeof n.lattice_min);
+    s->lattice[n.id][3] = n.lattice;
+    pbs_node_free(s->run, &n);
+    return rc;
+}
+
+static pbs_code check_mesh(state *s, const pbs_chunk *c, pbs_err *err) {
+    pbs_mesh m;
+    if (c->node >= s->cap) return bad(s, c, "there is no such node", err);
+    s->records[c->node] += c->count;
+    s->out->records += c->count;
+    return pbs_mesh_parse(s->name, c, &m, err);
+}
+
+static pbs_code check_chunk(state *s, const pbs_chunk *c, pbs_err *err) {
+    bool data = c->tag == PBS_TAG_POINTS || c->tag == PBS_TAG_MESH;
+    pbs_code rc = PBS_OK;
+    if (data && !s->archive) {
+        if (c->node != s->out->nodes) return bad(s, c, "its node comes elsewhere", err);
+        rc = room_for_node(s, c->node, err);
+    }
+    if (rc) return rc;
+    if (c->tag == PBS_TAG_NODE) return check_node(s, c, err);
+    if (c->tag == PBS_TAG_POINTS) return check_points(s, c, err);
+    if (c->tag == PBS_TAG_MESH) return check_mesh(s, c, err);
+    return PBS_OK;
+}
+
+static pbs_code check_all(state *s, pbs_err *err) {
+    pbs_code rc = PBS_OK;
+    for (uint64_t i = 0; !rc; i++) {
+        pbs_chunk c;
+        bool end;
+        rc = pbs_reader_next(s->r, &c, &end, err);
+        if (rc || end) break;
+        s->out->chunks++;
+        rc = check_entry(s, &c, i, err);
+        if (!rc) rc = check_chunk(s, &c, err);
+    }
+    if (!rc && s->entries && s->out->chunks != s->entry_count)
+        rc = pbs_fail(err, PBS_DATA, "%s: the directory lists chunks that are not there", s->name);
+    if (!rc && !s->out->nodes) rc = pbs_fail(err, PBS_DATA, "%s: no node in it", s->name);
+    return rc;
+}
+
+static pbs_code start(state *s, pbs_err *err) {
+    pbs_kind kind = pbs_reader_kind(s->r);
+    s->name = pbs_reader_name(s->r);
+    s->archive = kind == PBS_ARCHIVE;
+    s->has_records = kind == PBS_CANDIDATES || kind == PBS_SURFELS || kind == PBS_ARCHIVE;
+    pbs_code rc = PBS_OK;
+    if (s->has_records) rc = pbs_record_parse(s->name, pbs_reader_channels(s->r), &s->record, err);
+    if (!rc && pbs_reader_mapped(s->r))
+        rc = pbs_reader_directory(s->r, &s->entries, &s->entry_count, err);
+    return rc;
+}
+
+pbs_code pbs_check_file(pbs_run *run, pbs_input *in, pbs_checked *out, pbs_err *err) {
+    memset(out, 0, sizeof *out);
+    state s = {.run = run, .out = out};
+    pbs_code rc = pbs_reader_open(run, in, (1u << PBS_KINDS) - 1, &s.r, err);
+    if (rc) return rc;
+    rc = start(&s, err);
+    if (!rc) rc = check_all(&s, err);
+    out->bytes = pbs_reader_bytes(s.r);
+    pbs_free(run, s.records);
+    pbs_free(run, s.lattice);
+    pbs_reader_close(s.r);
+    return rc;
+}

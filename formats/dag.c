@@ -1,0 +1,52 @@
+#include "formats/dag.h"
+#include <string.h>
+
+typedef struct frame {
+    uint32_t node, next; /* child to visit next */
+    double m[12];
+} frame;
+
+typedef struct stack {
+    pbs_run *run;
+    frame *frames;
+    size_t depth, cap;
+} stack;
+
+static pbs_code push(stack *s, uint32_t node, const double m[12], pbs_err *err) {
+    pbs_code rc = pbs_grow(s->run, &s->frames, &s->cap, s->depth + 1, sizeof *s->frames,
+                           "the hierarchy", err);
+    if (rc) return rc;
+    frame *f = &s->frames[s->depth++];
+    f->node = node;
+    f->next = 0;
+    memcpy(f->m, m, sizeof f->m);
+    return PBS_OK;
+}
+
+/* Children have smaller ids than their parents, so the stack is never higher than there are
+ * nodes. */
+pbs_code pbs_dag_walk(pbs_run *run, const pbs_node *nodes, size_t count,
+                      pbs_code (*visit)(void *ctx, uint32_t node, const double m[12],
+                                        bool *descend, pbs_err *err),
+                      void *ctx, pbs_err *err) {
+    stack s = {.run = run};
+    bool descend = true;
+    pbs_code rc = visit(ctx, (uint32_t)count - 1, PBS_IDENTITY, &descend, err);
+    if (!rc && descend) rc = push(&s, (uint32_t)count - 1, PBS_IDENTITY, err);
+    while (s.depth && !rc) {
+        frame *f = &s.frames[s.depth - 1];
+        const pbs_node *n = &nodes[f->node];
+        if (f->next == n->child_count) {
+            s.depth--;
+            continue;
+        }
+        const pbs_child *c = &n->children[f->next++];
+        double m[12];
+        pbs_xform_mul(m, f->m, c->m);
+        descend = true;
+        rc = visit(ctx, c->node, m, &descend, err);
+        if (!rc && descend && nodes[c->node].child_count) rc = push(&s, c->node, m, err);
+    }
+    pbs_free(run, s.frames);
+    return rc;
+}

@@ -1,0 +1,14 @@
+/* dag.h: walks the DAG of nodes as the tree of placings that it stands for. */
+#ifndef PBS_DAG_H
+#define PBS_DAG_H
+
+#include "formats/node.h"
+
+/* visit is called for every placing, parents first, children in order, with the transform from
+ * the node's coordinates to the root's; what it returns in *descend decides whether the node's
+ * children follow. No recursion: hierarchies may be deeper than the stack. */
+pbs_code pbs_dag_walk(pbs_run *run, const pbs_node *nodes, size_t count,
+                      pbs_code (*visit)(void *ctx, uint32_t node, const double m[12],
+                                        bool *descend, pbs_err *err),
+                      void *ctx, pbs_err *err);
+#endif

@@ -1,0 +1,77 @@
+/* ply_header.h: the header of a PLY file: what elements there are, and what is in them. */
+#ifndef PBS_PLY_HEADER_H
+#define PBS_PLY_HEADER_H
+
+#include "formats/text.h"
+#include "libcore/run.h"
+
+typedef enum pbs_ply_type {
+    PBS_PLY_I8,
+    PBS_PLY_U8,
+    PBS_PLY_I16,
+    PBS_PLY_U16,
+    PBS_PLY_I32,
+    PBS_PLY_U32,
+    PBS_PLY_F32,
+    PBS_PLY_F64,
+    PBS_PLY_NO_TYPE
+} pbs_ply_type;
+
+/* Bytes of one number. */
+static inline size_t pbs_ply_size(pbs_ply_type t) {
+    static const uint8_t size[] = {1, 1, 2, 2, 4, 4, 4, 8, 0};
+    return size[t];
+}
+
+/* What a property means to us. */
+typedef enum pbs_ply_role {
+    PBS_PLY_X,
+    PBS_PLY_Y,
+    PBS_PLY_Z,
+    PBS_PLY_NX,
+    PBS_PLY_NY,
+    PBS_PLY_NZ,
+    PBS_PLY_RED,
+    PBS_PLY_GREEN,
+    PBS_PLY_BLUE,
+    PBS_PLY_ALPHA,
+    PBS_PLY_S,
+    PBS_PLY_T,
+    PBS_PLY_ROLES, /* of numbers; the ones below are not vertex attributes */
+    PBS_PLY_TEXTURE,
+    PBS_PLY_INDICES,  /* a list */
+    PBS_PLY_WEDGE_UV, /* a list */
+    PBS_PLY_OTHER
+} pbs_ply_role;
+
+typedef struct pbs_ply_property {
+    pbs_ply_type type, count; /* count: PBS_PLY_NO_TYPE unless it is a list */
+    pbs_ply_role role;
+    size_t offset; /* in the element, if that has no list */
+} pbs_ply_property;
+
+typedef struct pbs_ply_element {
+    pbs_span name;
+    uint64_t count;
+    size_t first, properties; /* of pbs_ply_header.property */
+    size_t least;             /* bytes that one takes at least in a binary file */
+    bool fixed;               /* no lists: exactly that many */
+    const char *start;        /* for the reader */
+} pbs_ply_element;
+
+typedef struct pbs_ply_header {
+    bool ascii, big_endian;
+    pbs_ply_element *element;
+    size_t elements, elements_room;
+    pbs_ply_property *property;
+    size_t properties, properties_room;
+    pbs_span *texture; /* "comment TextureFile NAME" */
+    size_t textures, textures_room;
+    const char *data; /* behind the header */
+} pbs_ply_header;
+
+/* *h is all 0 before; free it also after an error. Errors carry the line. */
+pbs_code pbs_ply_header_read(pbs_run *run, const void *bytes, size_t size, pbs_ply_header *h,
+                             pbs_err *err);
+void pbs_ply_header_free(pbs_run *run, pbs_ply_header *h);
+#endif

@@ -1,0 +1,139 @@
+/* greedy_inner.h: the inner loops of greedy.c, on boxes and leaves.
+ *
+ * Box tests are Euclidean whatever the metric: D is never below the Euclidean distance. They are
+ * safe in every bit: rounding is monotone, and a box's nearest corner goes through the same
+ * operations in the same order as a point inside it.
+ */
+#ifndef PBS_GREEDY_INNER_H
+#define PBS_GREEDY_INNER_H
+
+#include "libcore/candidates.h"
+#include "libcore/simd8.h"
+
+/* A candidate that is, or may become, the next surfel. */
+typedef struct probe {
+    pbs_place at;
+    float d; /* what it is chosen with */
+    uint32_t id;
+    size_t slot;
+} probe;
+
+static inline void probe_set(probe *p, const pbs_tree *t, size_t slot) {
+    size_t leaf = slot / PBS_LEAF, k = slot % PBS_LEAF;
+    const pbs_leaf *l = &t->leaf[leaf];
+    *p = (probe){{{l->x[k], l->y[k], l->z[k]}, {0}}, l->d[k], t->id[slot], slot};
+    if (!t->normal) return;
+    memcpy(p->at.n, t->normal[leaf].xy[k], 4);
+    memcpy(p->at.n + 2, t->normal[leaf].z0[k], 4);
+}
+
+/* The children that hold a point which p may be nearer to than all surfels so far. */
+static inline unsigned fan_near(const pbs_fan *f, const float p[3]) {
+    f8 zero = f8_all(0), sum = zero;
+    for (int k = 0; k < 3; k++) {
+        f8 at = f8_all(p[k]), low = f8_at(f->low[k]), high = f8_at(f->high[k]);
+        f8 gap = f8_max(f8_max(f8_sub(low, at), f8_sub(at, high)), zero);
+        sum = k ? f8_add(sum, f8_mul(gap, gap)) : f8_mul(gap, gap);
+    }
+    return f8_less(sum, f8_at(f->max));
+}
+
+/* The same for any p in a box. */
+static inline unsigned fan_near_box(const pbs_fan *f, const float low[3], const float high[3]) {
+    f8 zero = f8_all(0), sum = zero;
+    for (int k = 0; k < 3; k++) {
+        f8 below = f8_sub(f8_at(f->low[k]), f8_all(high[k]));
+        f8 above = f8_sub(f8_all(low[k]), f8_at(f->high[k]));
+        f8 gap = f8_max(f8_max(below, above), zero);
+        sum = k ? f8_add(sum, f8_mul(gap, gap)) : f8_mul(gap, gap);
+    }
+    return f8_less(sum, f8_at(f->max));
+}
+
+static inline unsigned fan_at_least(const pbs_fan *f, float d) {
+    return ~f8_less(f8_at(f->max), f8_all(d)) & 255;
+}
+
+static inline float fan_most(const pbs_fan *f) { return f8_most(f8_at(f->max)); }
+
+/* The box around those children. */
+static inline void fan_box(const pbs_fan *f, unsigned children, float low[3], float high[3]) {
+    for (int k = 0; k < 3; k++) low[k] = INFINITY, high[k] = -INFINITY;
+    for (; children; children &= children - 1) {
+        int c = __builtin_ctz(children);
+        for (int k = 0; k < 3; k++) {
+            low[k] = f->low[k][c] < low[k] ? f->low[k][c] : low[k];
+            high[k] = f->high[k][c] > high[k] ? f->high[k][c] : high[k];
+        }
+    }
+}
+
+/* |p - x|^2 of the points 8k .. 8k + 7, in the order of pbs_metric_d2 */
+static inline f8 leaf_euclid(const pbs_leaf *l, int k, const pbs_place *p) {
+    f8 x = f8_sub(f8_at(l->x + 8 * k), f8_all(p->p[0]));
+    f8 y = f8_sub(f8_at(l->y + 8 * k), f8_all(p->p[1]));
+    f8 z = f8_sub(f8_at(l->z + 8 * k), f8_all(p->p[2]));
+    return f8_add(f8_add(f8_mul(x, x), f8_mul(y, y)), f8_mul(z, z));
+}
+
+/* What the normals make of it, as in pbs_metric_d2. */
+static inline f8 leaf_stretch(const pbs_metric *m, const pbs_leaf_normals *n, int k,
+                              const pbs_place *p, f8 d2) {
+    f8 dot = f8_dot16(n->xy[8 * k], n->z0[8 * k], p->n);
+    f8 below = f8_add(f8_all(m->base), f8_mul(f8_all(m->slope), dot));
+    below = f8_min(below, f8_all(1));
+    return f8_if_less(f8_all(PBS_OPPOSITE), below, f8_div(d2, below), f8_all(INFINITY));
+}
+
+/* p is a surfel now: lowers the d of the points of a leaf, and the leaf's maximum. */
+static inline void leaf_touch(pbs_tree *t, size_t leaf, const probe *p) {
+    enum { VECTORS = PBS_LEAF / 8 };
+    pbs_leaf *l = &t->leaf[leaf];
+    f8 old[VECTORS], d2[VECTORS];
+    unsigned hit = leaf == p->slot / PBS_LEAF; /* its own leaf has lost its maximum */
+    for (int k = 0; k < VECTORS; k++) {
+        old[k] = f8_at(l->d + 8 * k);
+        d2[k] = leaf_euclid(l, k, &p->at);
+        hit |= f8_less(d2[k], old[k]);
+    }
+    if (!hit) return;
+    f8 most = f8_all(0);
+    for (int k = 0; k < VECTORS; k++) {
+        if (t->normal) d2[k] = leaf_stretch(&t->metric, &t->normal[leaf], k, &p->at, d2[k]);
+        d2[k] = f8_min(d2[k], old[k]);
+        f8_put(l->d + 8 * k, d2[k]);
+        most = f8_max(most, d2[k]);
+    }
+    t->fan[0][leaf / PBS_FAN].max[leaf % PBS_FAN] = f8_most(most);
+}
+
+/* The slot with the largest d of a leaf, ties to the lower index; max is its value. */
+static inline size_t leaf_first(const pbs_tree *t, size_t leaf, float max) {
+    const pbs_leaf *l = &t->leaf[leaf];
+    const uint32_t *id = t->id + leaf * PBS_LEAF;
+    uint32_t best = UINT32_MAX;
+    size_t at = 0;
+    for (int k = 0; k < PBS_LEAF; k += 8)
+        for (unsigned m = f8_equal(f8_at(l->d + k), f8_all(max)); m; m &= m - 1) {
+            size_t i = (size_t)k + (unsigned)__builtin_ctz(m);
+            if (id[i] < best) best = id[i], at = i;
+        }
+    return leaf * PBS_LEAF + at;
+}
+
+/* Of the points of a leaf that come before p in the order and that p is near enough to lower, the
+ * first; or p->slot if there is none better than *best, which is set with it. */
+static inline void leaf_rival(const pbs_tree *t, size_t leaf, const probe *p, probe *best) {
+    const pbs_leaf *l = &t->leaf[leaf];
+    for (int k = 0; k < PBS_LEAF; k += 8) {
+        unsigned m = ~f8_less(f8_at(l->d + k), f8_all(best->d)) & 255;
+        for (; m; m &= m - 1) {
+            size_t slot = leaf * PBS_LEAF + (size_t)k + (unsigned)__builtin_ctz(m);
+            probe x;
+            probe_set(&x, t, slot);
+            if (x.d == best->d && x.id >= best->id) continue;
+            if (pbs_metric_d2(&t->metric, &x.at, &p->at) < x.d) *best = x;
+        }
+    }
+}
+#endif

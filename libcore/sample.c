@@ -1,0 +1,93 @@
+#include "libcore/sample.h"
+#include "libcore/candidates.h"
+#include "libcore/greedy.h"
+#include "libcore/heuristic.h"
+#include "libcore/rng.h"
+#include <stdlib.h>
+
+struct pbs_sampler {
+    pbs_run *run;
+    void *block;
+    size_t size;
+};
+
+pbs_code pbs_sampler_new(pbs_run *run, pbs_sampler **out, pbs_err *err) {
+    if (!(*out = calloc(1, sizeof **out))) return pbs_fail(err, PBS_LIMIT, "no memory");
+    (*out)->run = run;
+    return PBS_OK;
+}
+
+void pbs_sampler_free(pbs_sampler *s) {
+    if (!s) return;
+    pbs_free(s->run, s->block);
+    free(s);
+}
+
+static size_t wanted_of(size_t candidates, const pbs_sample_params *p) {
+    return p->count < candidates ? p->count : candidates;
+}
+
+enum { ALLOC_HEAD = 64 }; /* what pbs_alloc adds */
+
+size_t pbs_sample_need(size_t candidates, const pbs_sample_params *p) {
+    pbs_tree t;
+    pbs_layout l = {NULL, 0};
+    if (p->method == PBS_GREEDY) {
+        pbs_tree_layout(&t, candidates, &l);
+        pbs_greedy_layout(&t, candidates, &l);
+        pbs_greedy_result_layout(candidates, wanted_of(candidates, p), &l);
+    } else
+        pbs_heuristic_layout(candidates, p, &l);
+    return l.used + ALLOC_HEAD;
+}
+
+static pbs_code reserve(pbs_sampler *s, size_t size, pbs_err *err) {
+    if (size <= s->size) return PBS_OK;
+    pbs_free(s->run, s->block);
+    s->block = NULL;
+    s->size = 0;
+    pbs_code rc = pbs_alloc(s->run, &s->block, size, 1, "sampling", err);
+    if (!rc) s->size = size;
+    return rc;
+}
+
+static pbs_code run_greedy(pbs_sampler *s, const pbs_points *in, const pbs_sample_params *p,
+                           pbs_tree *t, uint32_t *order, float *spacing, pbs_sample_result *result,
+                           pbs_err *err) {
+    pbs_layout l = {s->block, 0};
+    pbs_tree_layout(t, in->count, &l);
+    pbs_code rc = pbs_tree_build(s->run, t, in, err);
+    if (rc) return rc;
+    size_t wanted = wanted_of(t->points, p);
+    size_t first = pbs_random_below(pbs_random(p->seed, p->node, 0), (uint32_t)t->points);
+    bool wide = false;
+#if defined(__x86_64__) && defined(__GNUC__)
+    wide = __builtin_cpu_supports("avx2");
+#endif
+    rc = (wide ? pbs_greedy_run_avx2 : pbs_greedy_run)(s->run, t, first, wanted, &l, err);
+    if (!rc) pbs_greedy_result(t, first, wanted, &l, order, spacing, result);
+    return rc;
+}
+
+pbs_code pbs_sample(pbs_sampler *s, const pbs_points *in, const pbs_sample_params *params,
+                    uint32_t *order, float *spacing, pbs_sample_result *result, pbs_err *err) {
+    pbs_tree t = {0};
+    *result = (pbs_sample_result){0};
+    if (in->count > UINT32_MAX - 1)
+        return pbs_fail(err, PBS_LIMIT, "%zu candidates in one node: at most %u are possible",
+                        in->count, UINT32_MAX - 1);
+    pbs_code rc = pbs_metric_set(s->run, &t.metric, in, params->normal_weight, &t.invalid, err);
+    if (rc) return rc;
+    result->invalid = t.invalid;
+    if (t.invalid == in->count) return PBS_OK;
+    if (params->count == 0) {
+        result->covering = pbs_metric_length(&t.metric, INFINITY);
+        return PBS_OK;
+    }
+    rc = reserve(s, pbs_sample_need(in->count, params) - ALLOC_HEAD, err);
+    if (rc) return rc;
+    if (params->method == PBS_GREEDY)
+        return run_greedy(s, in, params, &t, order, spacing, result, err);
+    pbs_layout l = {s->block, 0};
+    return pbs_heuristic_run(s->run, &t.metric, in, t.invalid, params, l, order, spacing, result, err);
+}

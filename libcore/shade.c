@@ -1,0 +1,213 @@
+#include "libcore/shade.h"
+
+static const pbs_material white = {.base = {1, 1, 1, 1},
+                                   .roughness = 1,
+                                   .base_texture.texture = PBS_NONE,
+                                   .material_texture.texture = PBS_NONE,
+                                   .emissive_texture.texture = PBS_NONE};
+
+static uint32_t material_of(const pbs_shader *s, const pbs_mesh *mesh, uint32_t triangle) {
+    uint32_t m = mesh->triangle_material ? mesh->triangle_material[triangle] : mesh->material;
+    return m < s->count ? m : s->count;
+}
+static const pbs_material *get(const pbs_shader *s, uint32_t m) {
+    return m < s->count ? &s->materials[m] : &white;
+}
+
+/* ---- which textures are needed ---- */
+
+/* Bit 0 of use[]: as sRGB, bit 1: as plain numbers. */
+static void mark(uint8_t *use, size_t count, const pbs_texture_use *t, int bit) {
+    if (t->texture < count) use[t->texture] |= (uint8_t)bit;
+}
+
+static void mark_material(uint8_t *use, size_t count, const pbs_material *m, uint32_t channels) {
+    if (channels & PBS_COLOUR || m->alpha == PBS_ALPHA_MASK) mark(use, count, &m->base_texture, 1);
+    if (channels & PBS_MATERIAL) mark(use, count, &m->material_texture, 2);
+    if (channels & PBS_EMISSIVE) mark(use, count, &m->emissive_texture, 1);
+}
+
+static void mark_mesh(uint8_t *use, const pbs_gbuffer_scene *scene, const pbs_mesh *mesh,
+                      uint32_t channels) {
+    uint32_t last = PBS_NONE, n = mesh->triangle_material ? mesh->triangles : mesh->triangles > 0;
+    for (uint32_t i = 0; i < n; i++) {
+        uint32_t m = mesh->triangle_material ? mesh->triangle_material[i] : mesh->material;
+        if (m == last || m >= scene->material_count) continue;
+        mark_material(use, scene->texture_count, &scene->materials[m], channels);
+        last = m;
+    }
+}
+
+/* Only meshes with texture coordinates can show a texture. */
+static void mark_all(uint8_t *use, const pbs_gbuffer_scene *scene, uint32_t channels) {
+    const pbs_mesh *last = NULL;
+    for (size_t i = 0; i < scene->draw_count; i++) {
+        const pbs_mesh *mesh = scene->draws[i].mesh;
+        if (mesh != last && mesh->uv) mark_mesh(use, scene, mesh, channels);
+        last = mesh;
+    }
+}
+
+size_t pbs_shader_need(const pbs_gbuffer_scene *scene, uint32_t channels) {
+    (void)channels;
+    size_t n = (scene->material_count + 1) * sizeof(pbs_flat) +
+               scene->texture_count * (2 * sizeof(pbs_texture) + 1) + 3 * 128;
+    /* Which of them are shown is not asked here: that would be a pass over all triangles. */
+    for (size_t i = 0; i < scene->texture_count; i++)
+        n += 2 * pbs_texture_need(&scene->textures[i]);
+    return n;
+}
+
+/* ---- flat values ---- */
+
+static void encode(const pbs_shader *s, const pbs_material *m, const float c[4], uint8_t out[4]) {
+    for (int k = 0; k < 3; k++) out[k] = pbs_srgb_encode(s->srgb, c[k]);
+    out[3] = m->alpha == PBS_ALPHA_BLEND ? pbs_unorm8(c[3]) : 255;
+}
+
+static const pbs_texture *texture_of(const pbs_shader *s, const pbs_texture_use *t, int plain) {
+    if (t->texture >= s->textures) return NULL;
+    const pbs_texture *p = &s->texture[2 * (size_t)t->texture + plain];
+    return p->levels ? p : NULL;
+}
+
+static void flatten(const pbs_shader *s, const pbs_material *m, pbs_flat *f) {
+    f->base = texture_of(s, &m->base_texture, 0);
+    f->material = texture_of(s, &m->material_texture, 1);
+    f->emissive = texture_of(s, &m->emissive_texture, 0);
+    encode(s, m, m->base, f->colour);
+    f->finish[0] = pbs_unorm8(m->metallic), f->finish[1] = pbs_unorm8(m->roughness);
+    f->finish[2] = f->finish[3] = 0;
+    for (int k = 0; k < 3; k++) f->glow[k] = pbs_srgb_encode(s->srgb, m->emissive[k]);
+    f->glow[3] = 0;
+}
+
+static pbs_code build_textures(pbs_run *run, pbs_shader *s, const pbs_gbuffer_scene *scene,
+                               pbs_err *err) {
+    uint8_t *use;
+    pbs_code rc = pbs_alloc(run, &use, scene->texture_count, 1, "the list of textures", err);
+    if (rc) return rc;
+    memset(use, 0, scene->texture_count);
+    mark_all(use, scene, s->channels);
+    for (size_t i = 0; !rc && i < scene->texture_count; i++)
+        for (int plain = 0; !rc && plain < 2; plain++)
+            if (use[i] >> plain & 1)
+                rc = pbs_texture_build(run, &scene->textures[i], !plain, &s->texture[2 * i + plain],
+                                       err);
+    pbs_free(run, use);
+    return rc;
+}
+
+pbs_code pbs_shader_init(pbs_run *run, pbs_shader *s, const pbs_gbuffer_scene *scene,
+                         uint32_t channels, pbs_err *err) {
+    *s = (pbs_shader){.materials = scene->materials,
+                      .count = (uint32_t)scene->material_count,
+                      .channels = channels,
+                      .srgb = pbs_srgb()};
+    for (size_t i = 0; i < scene->material_count; i++)
+        s->masked |= scene->materials[i].alpha == PBS_ALPHA_MASK;
+    if (!s->masked && !(channels & (PBS_COLOUR | PBS_MATERIAL | PBS_EMISSIVE))) return PBS_OK;
+    pbs_code rc =
+        pbs_alloc(run, &s->flat, (size_t)s->count + 1, sizeof *s->flat, "the materials", err);
+    if (!rc)
+        rc = pbs_alloc(run, &s->texture, scene->texture_count, 2 * sizeof *s->texture,
+                       "the textures", err);
+    if (rc) return rc;
+    memset(s->texture, 0, scene->texture_count * 2 * sizeof *s->texture);
+    s->textures = scene->texture_count;
+    if (s->textures) rc = build_textures(run, s, scene, err);
+    for (uint32_t i = 0; !rc && i <= s->count; i++) flatten(s, get(s, i), &s->flat[i]);
+    return rc;
+}
+
+void pbs_shader_free(pbs_run *run, pbs_shader *s) {
+    for (size_t i = 0; i < 2 * s->textures; i++) pbs_texture_free(run, &s->texture[i]);
+    pbs_free(run, s->texture);
+    pbs_free(run, s->flat);
+    memset(s, 0, sizeof *s);
+}
+
+/* ---- one point ---- */
+
+static void sample(const pbs_texture *t, const pbs_texture_use *use, const pbs_hit *h,
+                   float out[4]) {
+    const float *uv[3];
+    double at[2], dx[2], dy[2];
+    for (int i = 0; i < 3; i++) uv[i] = h->mesh->uv + 2 * (size_t)h->corner[i];
+    /* Barycentric coordinates per pixel, from the inverse of the edges' matrix. */
+    double f = PBS_SUBPIXELS / h->det;
+    for (int k = 0; k < 2; k++) {
+        double d1 = (double)uv[1][k] - uv[0][k], d2 = (double)uv[2][k] - uv[0][k];
+        at[k] = h->b[0] * uv[0][k] + h->b[1] * uv[1][k] + h->b[2] * uv[2][k];
+        dx[k] = (d1 * h->a[1][1] - d2 * h->a[0][1]) * f;
+        dy[k] = (d2 * h->a[0][0] - d1 * h->a[1][0]) * f;
+    }
+    pbs_texture_sample(t, use, at, dx, dy, out);
+}
+
+static void vertex_colour(const pbs_shader *s, const pbs_hit *h, float c[4]) {
+    const uint8_t *v[3];
+    for (int i = 0; i < 3; i++) v[i] = h->mesh->colour + 4 * (size_t)h->corner[i];
+    float b[3] = {(float)h->b[0], (float)h->b[1], (float)h->b[2]};
+    for (int k = 0; k < 4; k++) {
+        const float *t = k < 3 ? s->srgb->linear : s->srgb->unorm;
+        c[k] *= b[0] * t[v[0][k]] + b[1] * t[v[1][k]] + b[2] * t[v[2][k]];
+    }
+}
+
+static void linear_colour(const pbs_shader *s, const pbs_material *m, const pbs_texture *t,
+                          const pbs_hit *h, float c[4]) {
+    float texel[4];
+    memcpy(c, m->base, 4 * sizeof *c);
+    if (h->mesh->colour) vertex_colour(s, h, c);
+    if (!t) return;
+    sample(t, &m->base_texture, h, texel);
+    for (int k = 0; k < 4; k++) c[k] *= texel[k];
+}
+
+bool pbs_shader_asks(const pbs_shader *s, const pbs_mesh *mesh, uint32_t triangle) {
+    uint32_t i = material_of(s, mesh, triangle);
+    const pbs_material *m = get(s, i);
+    if (m->alpha != PBS_ALPHA_MASK) return false;
+    return (s->flat[i].base && mesh->uv) || mesh->colour || m->base[3] < m->alpha_cutoff;
+}
+
+bool pbs_shader_keep(const pbs_shader *s, const pbs_hit *h) {
+    float c[4];
+    uint32_t i = material_of(s, h->mesh, h->triangle);
+    const pbs_material *m = get(s, i);
+    linear_colour(s, m, h->mesh->uv ? s->flat[i].base : NULL, h, c);
+    return !(c[3] < m->alpha_cutoff);
+}
+
+void pbs_shader_colour(const pbs_shader *s, const pbs_hit *h, uint8_t out[4]) {
+    uint32_t i = material_of(s, h->mesh, h->triangle);
+    const pbs_texture *t = h->mesh->uv ? s->flat[i].base : NULL;
+    if (!t && !h->mesh->colour) {
+        memcpy(out, s->flat[i].colour, 4);
+        return;
+    }
+    float c[4];
+    linear_colour(s, get(s, i), t, h, c);
+    encode(s, get(s, i), c, out);
+}
+
+void pbs_shader_material(const pbs_shader *s, const pbs_hit *h, uint8_t out[4]) {
+    uint32_t i = material_of(s, h->mesh, h->triangle);
+    const pbs_material *m = get(s, i);
+    memcpy(out, s->flat[i].finish, 4);
+    if (!h->mesh->uv || !s->flat[i].material) return;
+    float c[4];
+    sample(s->flat[i].material, &m->material_texture, h, c);
+    out[0] = pbs_unorm8(m->metallic * c[2]), out[1] = pbs_unorm8(m->roughness * c[1]);
+}
+
+void pbs_shader_emissive(const pbs_shader *s, const pbs_hit *h, uint8_t out[4]) {
+    uint32_t i = material_of(s, h->mesh, h->triangle);
+    const pbs_material *m = get(s, i);
+    memcpy(out, s->flat[i].glow, 4);
+    if (!h->mesh->uv || !s->flat[i].emissive) return;
+    float c[4];
+    sample(s->flat[i].emissive, &m->emissive_texture, h, c);
+    for (int k = 0; k < 3; k++) out[k] = pbs_srgb_encode(s->srgb, m->emissive[k] * c[k]);
+}
