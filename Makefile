@@ -107,6 +107,11 @@ $(B)/lib/pbs/$(1).so: $(patsubst %,$(B)/obj/%.o,$(basename $(wildcard formats/fo
 endef
 $(foreach m,$(modules),$(eval $(call module_rule,$(m))))
 
+# The player's tests have its parts, but not its main.
+$(B)/tests/test_view $(B)/tests/test_draw: $(B)/tests/%: $(B)/obj/tests/unit/%.o \
+    $(filter-out %/main.o,$(view)) $(B)/libformats.a $(B)/libcore.a
+	@mkdir -p $(@D)
+	$(CC) $(ALLLDFLAGS) -o $@ $^ $(LDLIBS)
 $(B)/tests/%: $(B)/obj/tests/unit/%.o $(B)/libformats.a $(B)/libcore.a
 	@mkdir -p $(@D)
 	$(CC) $(ALLLDFLAGS) -o $@ $^ $(LDLIBS)

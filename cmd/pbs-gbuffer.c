@@ -71,9 +71,16 @@ static void choose_directions(int which, pbs_gbuffer_params *p) {
     for (int k = 0; k < 3 && which != CORNERS; k++) p->direction[p->pairs++][k] = 1;
 }
 
+/* A scene's root often has no name; the file's is better than none. */
+static const char *name_of(const pbs_scene *s) {
+    const char *name = s->nodes[s->node_count - 1].name, *file = pbs_reader_name(s->reader);
+    const char *slash = strrchr(file, '/');
+    return *name ? name : slash ? slash + 1 : file;
+}
+
 static pbs_code write_node(job *j, const pbs_scene *s, const pbs_flat *flat,
                            const pbs_gbuffer_stats *stats, pbs_err *err) {
-    pbs_node n = {.name = s->nodes[s->node_count - 1].name,
+    pbs_node n = {.name = name_of(s),
                   .box = flat->box,
                   .triangles = flat->triangles,
                   .records = stats->candidates,

@@ -28,12 +28,14 @@ static pbs_code read_nodes(pbs_archive *a, const pbs_chunk *e, size_t n, pbs_err
     return PBS_OK;
 }
 
-static pbs_code take_points(pbs_archive *a, const pbs_chunk *c, pbs_err *err) {
+/* seen: points of each node so far, which they follow in order. */
+static pbs_code take_points(pbs_archive *a, const pbs_chunk *c, uint64_t *seen, pbs_err *err) {
     const pbs_node *n = c->node < a->node_count ? &a->nodes[c->node] : NULL;
     if (!n || c->bytes != (uint64_t)c->count * a->record.stride || !(n->lattice > 0) ||
-        c->count > n->records || c->first > n->records - c->count)
+        c->first != seen[c->node] || c->count > n->records - seen[c->node])
         return pbs_fail(err, PBS_DATA, "%s: points of node %u do not fit it",
                         pbs_reader_name(a->reader), c->node);
+    seen[c->node] += c->count;
     if (c->count == n->records) {
         a->records[c->node] = c->payload;
         return PBS_OK;
@@ -50,13 +52,34 @@ static pbs_code take_points(pbs_archive *a, const pbs_chunk *c, pbs_err *err) {
     return PBS_OK;
 }
 
+/* Before any room is taken: what nodes promise must be in the file. */
 static pbs_code check_counts(const pbs_archive *a, const pbs_chunk *e, size_t n, pbs_err *err) {
-    uint64_t have = 0, want = 0;
-    for (size_t i = 0; i < n; i++) have += e[i].tag == PBS_TAG_POINTS ? e[i].count : 0;
-    for (size_t i = 0; i < a->node_count; i++) want += a->nodes[i].records;
-    if (have == want) return PBS_OK;
-    return pbs_fail(err, PBS_DATA, "%s: %llu points where its nodes have %llu",
-                    pbs_reader_name(a->reader), (unsigned long long)have, (unsigned long long)want);
+    uint64_t left = 0;
+    bool same = true;
+    for (size_t i = 0; i < n; i++)
+        left += e[i].tag == PBS_TAG_POINTS ? e[i].bytes / a->record.stride : 0;
+    for (size_t i = 0; same && i < a->node_count; i++) {
+        same = a->nodes[i].records <= left;
+        left -= a->nodes[i].records;
+    }
+    if (same && !left) return PBS_OK;
+    return pbs_fail(err, PBS_DATA, "%s: its nodes do not have as many points as they say",
+                    pbs_reader_name(a->reader));
+}
+
+static pbs_code read_points(pbs_archive *a, const pbs_chunk *e, size_t n, pbs_err *err) {
+    uint64_t *seen;
+    pbs_code rc = pbs_alloc(a->run, &seen, a->node_count, sizeof *seen, "the nodes", err);
+    if (rc) return rc;
+    memset(seen, 0, a->node_count * sizeof *seen);
+    for (size_t i = 0; !rc && i < n; i++) {
+        pbs_chunk c;
+        if (e[i].tag != PBS_TAG_POINTS) continue;
+        rc = pbs_reader_at(a->reader, &e[i], &c, err);
+        if (!rc) rc = take_points(a, &c, seen, err);
+    }
+    pbs_free(a->run, seen);
+    return rc;
 }
 
 static pbs_code read_archive(pbs_archive *a, pbs_err *err) {
@@ -69,13 +92,7 @@ static pbs_code read_archive(pbs_archive *a, pbs_err *err) {
     if (!rc) rc = count_nodes(a, e, n, err);
     if (!rc) rc = read_nodes(a, e, n, err);
     if (!rc) rc = check_counts(a, e, n, err);
-    for (size_t i = 0; !rc && i < n; i++) {
-        pbs_chunk c;
-        if (e[i].tag != PBS_TAG_POINTS) continue;
-        rc = pbs_reader_at(a->reader, &e[i], &c, err);
-        if (!rc) rc = take_points(a, &c, err);
-    }
-    return rc;
+    return rc ? rc : read_points(a, e, n, err);
 }
 
 pbs_code pbs_archive_open(pbs_run *run, const char *path, pbs_archive *a, pbs_err *err) {

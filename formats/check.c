@@ -4,6 +4,12 @@
 #include "formats/points.h"
 #include <string.h>
 
+typedef struct node_state {
+    uint64_t records;  /* seen so far */
+    uint64_t promised; /* by the node; in archives it comes first */
+    pbs_lattice lattice;
+} node_state;
+
 typedef struct state {
     pbs_run *run;
     pbs_reader *r;
@@ -12,9 +18,8 @@ typedef struct state {
     bool has_records, archive;
     const pbs_chunk *entries; /* of the directory; NULL: a pipe */
     size_t entry_count;
-    uint64_t *records; /* of each node so far */
-    double (*lattice)[4];
-    size_t cap, lattice_cap;
+    node_state *nodes;
+    size_t cap;
     pbs_checked *out;
 } state;
 
@@ -36,13 +41,10 @@ static pbs_code check_entry(state *s, const pbs_chunk *c, uint64_t i, pbs_err *e
 
 static pbs_code room_for_node(state *s, uint32_t id, pbs_err *err) {
     size_t old = s->cap;
-    if (id >= s->out->chunks + 1) return PBS_OK; /* damaged: found when the nodes are counted */
-    pbs_code rc = pbs_grow(s->run, &s->records, &s->cap, (size_t)id + 1, sizeof *s->records,
+    pbs_code rc = pbs_grow(s->run, &s->nodes, &s->cap, (size_t)id + 1, sizeof *s->nodes,
                            "the table of nodes", err);
-    if (rc) return rc;
-    memset(s->records + old, 0, (s->cap - old) * sizeof *s->records);
-    return pbs_grow(s->run, &s->lattice, &s->lattice_cap, s->cap, sizeof *s->lattice,
-                    "the table of nodes", err);
+    if (!rc) memset(s->nodes + old, 0, (s->cap - old) * sizeof *s->nodes);
+    return rc;
 }
 
 static pbs_code check_values(state *s, const pbs_chunk *c, const pbs_points *p, pbs_err *err) {
@@ -59,21 +61,21 @@ static pbs_code check_values(state *s, const pbs_chunk *c, const pbs_points *p, 
 static pbs_code check_points(state *s, const pbs_chunk *c, pbs_err *err) {
     pbs_points p;
     if (!s->has_records) return bad(s, c, "points in a file of another kind", err);
-    if (c->node >= s->cap) return bad(s, c, "there is no such node", err);
-    if (s->records[c->node] != c->first) return bad(s, c, "does not follow the points before", err);
+    node_state *n = &s->nodes[c->node];
+    if (n->records != c->first) return bad(s, c, "does not follow the points before", err);
+    if (c->bytes != (uint64_t)c->count * s->record.stride)
+        return bad(s, c, "has not the size of its points", err);
     /* One chunk at a time: pretend that it is the first. */
     pbs_chunk one = *c;
     one.first = 0;
     pbs_code rc = pbs_points_alloc(s->run, s->record.channels, c->count, &p, err);
     if (rc) return rc;
     p.count = 0;
-    const double *l = s->lattice[c->node];
-    pbs_lattice lattice = {{l[0], l[1], l[2]}, l[3]};
-    if (s->record.packed && !(lattice.step > 0)) rc = bad(s, c, "its node has no lattice", err);
-    if (!rc) rc = pbs_points_read(s->name, &s->record, &one, &p, &lattice, err);
+    if (s->record.packed && !(n->lattice.step > 0)) rc = bad(s, c, "its node has no lattice", err);
+    if (!rc) rc = pbs_points_read(s->name, &s->record, &one, &p, &n->lattice, err);
     if (!rc) rc = check_values(s, &one, &p, err);
     pbs_points_free(s->run, &p);
-    s->records[c->node] += c->count;
+    n->records += c->count;
     s->out->records += c->count;
     return rc;
 }
@@ -83,21 +85,22 @@ static pbs_code check_node(state *s, const pbs_chunk *c, pbs_err *err) {
     pbs_node n;
     pbs_code rc = pbs_node_read(s->run, s->name, c, (uint32_t)s->out->nodes, &n, err);
     if (!rc) rc = room_for_node(s, n.id, err);
-    if (rc) return rc;
-    s->out->nodes++;
-    if (!s->archive && s->records[n.id] != n.records)
-        rc = bad(s, c, "has not as many records as it says", err);
-    if (s->archive) s->records[n.id] = 0;
-    memcpy(s->lattice[n.id], n.lattice_min, sizeof n.lattice_min);
-    s->lattice[n.id][3] = n.lattice;
+    if (!rc) {
+        node_state *state = &s->nodes[n.id];
+        s->out->nodes++;
+        state->promised = n.records;
+        memcpy(state->lattice.min, n.lattice_min, sizeof n.lattice_min);
+        state->lattice.step = n.lattice;
+        if (!s->archive && state->records != n.records)
+            rc = bad(s, c, "has not as many records as it says", err);
+    }
     pbs_node_free(s->run, &n);
     return rc;
 }
 
 static pbs_code check_mesh(state *s, const pbs_chunk *c, pbs_err *err) {
     pbs_mesh m;
-    if (c->node >= s->cap) return bad(s, c, "there is no such node", err);
-    s->records[c->node] += c->count;
+    s->nodes[c->node].records += c->count;
     s->out->records += c->count;
     return pbs_mesh_parse(s->name, c, &m, err);
 }
@@ -105,6 +108,8 @@ static pbs_code check_mesh(state *s, const pbs_chunk *c, pbs_err *err) {
 static pbs_code check_chunk(state *s, const pbs_chunk *c, pbs_err *err) {
     bool data = c->tag == PBS_TAG_POINTS || c->tag == PBS_TAG_MESH;
     pbs_code rc = PBS_OK;
+    if (data && s->archive && c->node >= s->out->nodes)
+        return bad(s, c, "there is no such node before it", err);
     if (data && !s->archive) {
         if (c->node != s->out->nodes) return bad(s, c, "its node comes elsewhere", err);
         rc = room_for_node(s, c->node, err);
@@ -113,6 +118,15 @@ static pbs_code check_chunk(state *s, const pbs_chunk *c, pbs_err *err) {
     if (c->tag == PBS_TAG_NODE) return check_node(s, c, err);
     if (c->tag == PBS_TAG_POINTS) return check_points(s, c, err);
     if (c->tag == PBS_TAG_MESH) return check_mesh(s, c, err);
+    return PBS_OK;
+}
+
+static pbs_code check_promises(const state *s, pbs_err *err) {
+    for (uint64_t i = 0; i < s->out->nodes; i++)
+        if (s->nodes[i].records != s->nodes[i].promised)
+            return pbs_fail(err, PBS_DATA, "%s: node %llu has %llu records of %llu", s->name,
+                            (unsigned long long)i, (unsigned long long)s->nodes[i].records,
+                            (unsigned long long)s->nodes[i].promised);
     return PBS_OK;
 }
 
@@ -130,7 +144,7 @@ static pbs_code check_all(state *s, pbs_err *err) {
     if (!rc && s->entries && s->out->chunks != s->entry_count)
         rc = pbs_fail(err, PBS_DATA, "%s: the directory lists chunks that are not there", s->name);
     if (!rc && !s->out->nodes) rc = pbs_fail(err, PBS_DATA, "%s: no node in it", s->name);
-    return rc;
+    return rc ? rc : check_promises(s, err);
 }
 
 static pbs_code start(state *s, pbs_err *err) {
@@ -140,6 +154,8 @@ static pbs_code start(state *s, pbs_err *err) {
     s->has_records = kind == PBS_CANDIDATES || kind == PBS_SURFELS || kind == PBS_ARCHIVE;
     pbs_code rc = PBS_OK;
     if (s->has_records) rc = pbs_record_parse(s->name, pbs_reader_channels(s->r), &s->record, err);
+    if (!rc && s->has_records && s->record.packed != s->archive)
+        rc = pbs_fail(err, PBS_DATA, "%s: its records are not those of its kind", s->name);
     if (!rc && pbs_reader_mapped(s->r))
         rc = pbs_reader_directory(s->r, &s->entries, &s->entry_count, err);
     return rc;
@@ -153,8 +169,7 @@ pbs_code pbs_check_file(pbs_run *run, pbs_input *in, pbs_checked *out, pbs_err *
     rc = start(&s, err);
     if (!rc) rc = check_all(&s, err);
     out->bytes = pbs_reader_bytes(s.r);
-    pbs_free(run, s.records);
-    pbs_free(run, s.lattice);
+    pbs_free(run, s.nodes);
     pbs_reader_close(s.r);
     return rc;
 }

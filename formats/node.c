@@ -110,9 +110,7 @@ static bool get_finite(const uint8_t *p, double *v, int n) {
 static bool get_box(const uint8_t *p, pbs_box *b) {
     bool finite = get_finite(p, b->min, 3) & get_finite(p + 24, b->max, 3);
     if (finite) return !pbs_box_is_empty(b);
-    bool empty = pbs_box_is_empty(b);
-    *b = PBS_BOX_EMPTY;
-    return empty;
+    return !memcmp(b, &PBS_BOX_EMPTY, sizeof *b);
 }
 
 static bool get_fixed(const uint8_t *p, pbs_node *n) {

@@ -6,6 +6,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 
 struct pbs_reader {
     pbs_run *run;
@@ -13,6 +14,7 @@ struct pbs_reader {
     pbs_kind kind;
     char *text, *channels, *history;
     uint64_t at, header_bytes;
+    uint64_t dropped; /* of a map read front to back: the pages before it are given back */
     uint64_t chunks, pages; /* seen so far */
     uint64_t dir_at, dir_end; /* where directory pages were seen */
     uint32_t chain;
@@ -118,12 +120,10 @@ static pbs_code check_header(pbs_reader *r, uint8_t *h, pbs_err *err) {
 static pbs_code read_header(pbs_reader *r, pbs_err *err) {
     uint8_t fixed[HEADER_FIXED], *h;
     const uint8_t *p;
-    if (r->in.mapped && !r->in.size)
-        return pbs_fail(err, PBS_DATA, "%s: the file is empty", r->in.name);
     size_t peeked;
     pbs_code rc = pbs_input_peek(&r->in, &p, &peeked, err);
     if (rc) return rc;
-    if (!peeked) return pbs_fail(err, PBS_DATA, "%s: is empty", r->in.name);
+    if (!peeked) return pbs_fail(err, PBS_DATA, "%s: the file is empty", r->in.name);
     if (peeked < HEADER_FIXED && !pbs_is_container(p, peeked))
         return pbs_fail(err, PBS_DATA, "%s: not a pbs file", r->in.name);
     if ((rc = fetch(r, fixed, sizeof fixed, &p, err))) return rc;
@@ -230,7 +230,10 @@ static pbs_code check_footer(pbs_reader *r, const uint8_t *f, pbs_err *err) {
     uint8_t one;
     size_t got = 0;
     if (r->in.mapped) got = r->in.size > r->at;
-    else if (pbs_input_read(&r->in, &one, 1, &got, err)) return err->code;
+    else {
+        pbs_code rc = pbs_input_read(&r->in, &one, 1, &got, err);
+        if (rc) return rc;
+    }
     if (got) return bad(r, err, "more bytes follow the end of the file");
     r->ended = true;
     return PBS_OK;
@@ -265,8 +268,19 @@ static pbs_code next_any(pbs_reader *r, pbs_chunk *c, bool *end, pbs_err *err) {
     return rc || !page ? rc : note_page(r, c, err);
 }
 
+/* What was read stays in the system's cache and comes back when it is touched again, but it does
+ * not count as this program's memory. */
+static void drop_behind(pbs_reader *r) {
+    const uint64_t window = 16 << 20, page = 65536;
+    if (!r->in.mapped || r->at < r->dropped + 2 * window) return;
+    uint64_t to = (r->at - window) & ~(page - 1);
+    madvise((void *)(r->in.bytes + r->dropped), (size_t)(to - r->dropped), MADV_DONTNEED);
+    r->dropped = to;
+}
+
 pbs_code pbs_reader_next(pbs_reader *r, pbs_chunk *c, bool *end, pbs_err *err) {
     pbs_code rc;
+    drop_behind(r);
     do {
         rc = pbs_run_check(r->run, err);
         if (!rc) rc = next_any(r, c, end, err);
@@ -307,7 +321,7 @@ static pbs_code read_directory(pbs_reader *r, pbs_err *err) {
     const uint8_t *f = r->in.bytes + r->in.size - FOOTER_FIXED;
     r->at = r->in.size;
     if (r->in.size < r->header_bytes + FOOTER_FIXED || !is_footer(f))
-        return bad(r, err, "the file is cut off here: it has no footer");
+        return bad(r, err, "no footer here: the file is cut off, or more follows its end");
     if (pbs_crc32c(0, f, FOOTER_CRC_AT) != pbs_get_u32(f + FOOTER_CRC_AT))
         return bad(r, err, "the footer is damaged: its checksum differs");
     uint64_t dir = pbs_get_u64(f + FOOTER_DIR_AT), bytes = pbs_get_u64(f + FOOTER_DIR_BYTES_AT);

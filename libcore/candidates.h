@@ -18,7 +18,13 @@
 #include "libcore/run.h"
 #include <math.h>
 
-enum { PBS_LEAF = 32, PBS_FAN = 8, PBS_FAN_POINTS = PBS_LEAF * PBS_FAN, PBS_LEVELS = 10 };
+enum {
+    PBS_LEAF = 32,
+    PBS_FAN = 8,
+    PBS_FAN_POINTS = PBS_LEAF * PBS_FAN,
+    PBS_LEVELS = 10,
+    PBS_TREE_DIGITS = 1 << 12 /* half a key of the sort */
+};
 
 /* Below this cos^2 of half the angle (179.1 degrees) two normals count as opposite and their
  * points as infinitely far from each other, coincident or not: the two sides of a wall. */
@@ -103,10 +109,20 @@ pbs_code pbs_metric_set(pbs_run *run, pbs_metric *m, const pbs_points *in, float
 void pbs_tree_layout(pbs_tree *t, size_t candidates, pbs_layout *layout);
 /* Sorts and fills; pbs_tree_layout and pbs_metric_set (into t->metric, t->invalid) came before. */
 pbs_code pbs_tree_build(pbs_run *run, pbs_tree *t, const pbs_points *in, pbs_err *err);
+pbs_code pbs_tree_build_avx2(pbs_run *run, pbs_tree *t, const pbs_points *in, pbs_err *err);
+
+/* Functions whose name ends in _avx2 are the ones without it, compiled for that. */
+bool pbs_cpu_has_avx2(void);
 
 /* One part per thread, up to this many: parts never change a result, only the time. */
 enum { PBS_PARTS = 16 };
 int pbs_parts(const pbs_run *run, size_t things, size_t least);
+static inline size_t pbs_part_begin(size_t n, int parts, size_t i) {
+    return i < (size_t)parts ? n / (size_t)parts * i : n;
+}
+static inline size_t pbs_part_end(size_t n, int parts, size_t i) {
+    return pbs_part_begin(n, parts, i + 1);
+}
 
 void pbs_place_normal(int16_t out[4], const int16_t oct[2]);
 

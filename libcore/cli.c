@@ -65,6 +65,8 @@ pbs_code pbs_cli_number(const char *text, pbs_option_type type, double *out, pbs
                               strlen(text);
     double v = strtod(text, &end), factor = plain && end != text ? suffix(end, type) : 0;
     v *= factor;
+    /* 1.005k is a whole number, but 1.005 * 1000 in binary is not quite */
+    if (factor > 1 && fabs(v - round(v)) <= 2.3e-16 * v) v = round(v);
     if (!(factor > 0) || !isfinite(v) || (type != PBS_REAL && (v < 0 || v > 9e15 || v != floor(v))))
         return pbs_fail(err, PBS_USAGE, "%s: not a number%s", text,
                         type == PBS_COUNT   ? " (such as 500, 100k or 1.5M)"
@@ -150,7 +152,6 @@ static pbs_code parse_short(parser *p, char *arg, char *next, int *used) {
 static pbs_code check_operands(const parser *p) {
     const pbs_tool *t = p->tool;
     const pbs_common *c = p->common;
-    if (c->help || c->version) return PBS_OK;
     if (c->operand_count < t->operands_min)
         return pbs_fail(p->err, PBS_USAGE, "operands are missing: %s %s (--help says more)", t->name,
                         t->operands);
@@ -175,6 +176,7 @@ pbs_code pbs_cli_parse(const pbs_tool *tool, int argc, char **argv, void *option
         else if (arg[1] == '-') rc = parse_long(&p, arg, next, &used);
         else rc = parse_short(&p, arg, next, &used);
         if (rc) return rc;
+        if (common->help || common->version) return PBS_OK;
     }
     return check_operands(&p);
 }

@@ -22,7 +22,7 @@ pbs_code pbs_fail(pbs_err *err, pbs_code code, const char *fmt, ...) {
 
 pbs_code pbs_fail_in(pbs_err *err, const char *fmt, ...) {
     if (!err) return PBS_INTERNAL;
-    char place[sizeof err->text], text[2 * sizeof err->text];
+    char place[sizeof err->text], text[2 * sizeof err->text + 2];
     va_list ap;
     va_start(ap, fmt);
     vsnprintf(place, sizeof place, fmt, ap);

@@ -221,20 +221,21 @@ typedef struct question {
     const pbs_shader *shader;
     pbs_placed place;
     uint32_t triangle;
+    pbs_lanes lanes;
 } question;
 
 static bool ask(void *ctx, uint32_t x, uint32_t y) {
-    const question *q = ctx;
-    pbs_hit hit;
-    pbs_hit_at(&q->place, q->triangle, x, y, &hit);
-    return pbs_shader_keep(q->shader, &hit);
+    question *q = ctx;
+    pbs_resolve_one(&q->place, q->triangle, x, y, &q->lanes);
+    return pbs_shader_keep(q->shader, &q->lanes, 0);
 }
 
 /* A mesh that may have masked triangles: runs of others between them. */
 static void draw_mixed(const job *j, pbs_raster *r, const pbs_pair *pair, uint32_t d,
                        const pbs_snapped *v, bool finite) {
     const pbs_mesh *mesh = j->scene->draws[d].mesh;
-    question q = {.shader = &j->shader};
+    question q;
+    q.shader = &j->shader, q.place.draw = NULL;
     uint32_t run = 0, first = j->first[d];
     for (uint32_t i = 0; i < mesh->triangles; i++) {
         if (!pbs_shader_asks(&j->shader, mesh, i)) continue;
@@ -316,6 +317,7 @@ static pbs_code work(void *ctx, void *item, int thread, pbs_err *err) {
     room = r.fragments < room ? (size_t)r.fragments : room;
     if ((rc = make_room(j, s, room, err))) return rc;
     b->resolve->column = b->column;
+    b->resolve->simd = r.simd;
     pbs_resolve_begin(b->resolve, &j->set, pair);
     pbs_resolve_band(b->resolve, &r, s->out);
     return PBS_OK;

@@ -135,6 +135,11 @@ static uint64_t fan_key(const pbs_tree *t, size_t fan) {
 static void flush(pbs_greedy *g, size_t fan) {
     pbs_tree *t = g->t;
     waiting *w = &g->wait[fan];
+    for (size_t i = 0; i < PBS_FAN_POINTS; i += 16)
+        __builtin_prefetch(&t->id[fan * PBS_FAN_POINTS + i]);
+    for (uint32_t i = 0; i < w->count; i++)
+        for (unsigned m = fan_near(&t->fan[0][fan], g->surfel[w->surfel[i]].at.p); m; m &= m - 1)
+            leaf_prefetch(t, fan * PBS_FAN + (unsigned)__builtin_ctz(m));
     for (uint32_t i = 0; i < w->count; i++) {
         const probe *p = &g->surfel[w->surfel[i]];
         for (unsigned m = fan_near(&t->fan[0][fan], p->at.p); m; m &= m - 1)
@@ -315,8 +320,11 @@ static const list *neighbours(worker *w, size_t fan) {
 static void queue_fan(worker *w, const probe *p, size_t fan) {
     const pbs_fan *f = &w->g->t->fan[0][fan];
     unsigned near = fan_near(f, p->at.p), before = near & fan_at_least(f, p->d);
-    for (; near; near &= near - 1)
-        w->queue[w->queued++] = (uint32_t)(fan * PBS_FAN) + (uint32_t)__builtin_ctz(near);
+    for (; near; near &= near - 1) {
+        size_t leaf = fan * PBS_FAN + (unsigned)__builtin_ctz(near);
+        w->queue[w->queued++] = (uint32_t)leaf;
+        leaf_prefetch(w->g->t, leaf);
+    }
     for (; before && w->rivals < QUEUE; before &= before - 1)
         w->rival[w->rivals++] = (uint32_t)(fan * PBS_FAN) + (uint32_t)__builtin_ctz(before);
 }
@@ -356,6 +364,7 @@ static probe first_rival(const worker *w, const probe *p) {
         for (size_t i = 0; i < w->rivals; i++) leaf_rival(t, w->rival[i], p, &best);
     } else /* some may be missing */
         for (size_t i = 0; i < w->queued; i++) leaf_rival(t, w->queue[i], p, &best);
+    if (best.slot != p->slot) probe_set(&best, t, best.slot);
     return best;
 }
 

@@ -14,31 +14,40 @@
 typedef struct probe {
     pbs_place at;
     float d; /* what it is chosen with */
-    uint32_t id;
     size_t slot;
 } probe;
 
 static inline void probe_set(probe *p, const pbs_tree *t, size_t slot) {
     size_t leaf = slot / PBS_LEAF, k = slot % PBS_LEAF;
     const pbs_leaf *l = &t->leaf[leaf];
-    *p = (probe){{{l->x[k], l->y[k], l->z[k]}, {0}}, l->d[k], t->id[slot], slot};
+    *p = (probe){{{l->x[k], l->y[k], l->z[k]}, {0}}, l->d[k], slot};
     if (!t->normal) return;
     memcpy(p->at.n, t->normal[leaf].xy[k], 4);
     memcpy(p->at.n + 2, t->normal[leaf].z0[k], 4);
 }
 
-/* The children that hold a point which p may be nearer to than all surfels so far. */
-static inline unsigned fan_near(const pbs_fan *f, const float p[3]) {
+/* The squares of the distances of p to the children's boxes. */
+static inline f8 fan_d2(const pbs_fan *f, const float p[3]) {
     f8 zero = f8_all(0), sum = zero;
     for (int k = 0; k < 3; k++) {
         f8 at = f8_all(p[k]), low = f8_at(f->low[k]), high = f8_at(f->high[k]);
         f8 gap = f8_max(f8_max(f8_sub(low, at), f8_sub(at, high)), zero);
         sum = k ? f8_add(sum, f8_mul(gap, gap)) : f8_mul(gap, gap);
     }
-    return f8_less(sum, f8_at(f->max));
+    return sum;
 }
 
-/* The same for any p in a box. */
+/* The children that hold a point which p may be nearer to than all surfels so far. */
+static inline unsigned fan_near(const pbs_fan *f, const float p[3]) {
+    return f8_less(fan_d2(f, p), f8_at(f->max));
+}
+
+/* The children that p is in. */
+static inline unsigned fan_around(const pbs_fan *f, const float p[3]) {
+    return f8_equal(fan_d2(f, p), f8_all(0));
+}
+
+/* As fan_near for any p in a box. */
 static inline unsigned fan_near_box(const pbs_fan *f, const float low[3], const float high[3]) {
     f8 zero = f8_all(0), sum = zero;
     for (int k = 0; k < 3; k++) {
@@ -107,33 +116,45 @@ static inline void leaf_touch(pbs_tree *t, size_t leaf, const probe *p) {
     t->fan[0][leaf / PBS_FAN].max[leaf % PBS_FAN] = f8_most(most);
 }
 
-/* The slot with the largest d of a leaf, ties to the lower index; max is its value. */
+/* The slot with the largest d of a leaf, ties to the lower index; max is its value. The indices
+ * are looked at only if there are ties: they are far away. */
 static inline size_t leaf_first(const pbs_tree *t, size_t leaf, float max) {
-    const pbs_leaf *l = &t->leaf[leaf];
+    const float *d = t->leaf[leaf].d;
     const uint32_t *id = t->id + leaf * PBS_LEAF;
-    uint32_t best = UINT32_MAX;
-    size_t at = 0;
-    for (int k = 0; k < PBS_LEAF; k += 8)
-        for (unsigned m = f8_equal(f8_at(l->d + k), f8_all(max)); m; m &= m - 1) {
-            size_t i = (size_t)k + (unsigned)__builtin_ctz(m);
-            if (id[i] < best) best = id[i], at = i;
-        }
+    uint32_t ties = 0;
+    for (int k = 0; k < PBS_LEAF; k += 8) ties |= f8_equal(f8_at(d + k), f8_all(max)) << k;
+    unsigned at = (unsigned)__builtin_ctz(ties);
+    for (ties &= ties - 1; ties; ties &= ties - 1) {
+        unsigned i = (unsigned)__builtin_ctz(ties);
+        if (id[i] < id[at]) at = i;
+    }
     return leaf * PBS_LEAF + at;
 }
 
-/* Of the points of a leaf that come before p in the order and that p is near enough to lower, the
- * first; or p->slot if there is none better than *best, which is set with it. */
+/* Of the points of a leaf that come before *best and that p is near enough to lower, the first
+ * becomes *best. It begins as p itself. */
 static inline void leaf_rival(const pbs_tree *t, size_t leaf, const probe *p, probe *best) {
     const pbs_leaf *l = &t->leaf[leaf];
-    for (int k = 0; k < PBS_LEAF; k += 8) {
-        unsigned m = ~f8_less(f8_at(l->d + k), f8_all(best->d)) & 255;
-        for (; m; m &= m - 1) {
-            size_t slot = leaf * PBS_LEAF + (size_t)k + (unsigned)__builtin_ctz(m);
-            probe x;
-            probe_set(&x, t, slot);
-            if (x.d == best->d && x.id >= best->id) continue;
-            if (pbs_metric_d2(&t->metric, &x.at, &p->at) < x.d) *best = x;
+    for (int k = 0; k < PBS_LEAF / 8; k++) {
+        size_t first = leaf * PBS_LEAF + (size_t)k * 8;
+        f8 d = f8_at(l->d + 8 * k);
+        unsigned m = ~f8_less(d, f8_all(best->d)) & 255;
+        if (p->slot - first < 8) m &= ~(1u << (p->slot - first));
+        if (!m) continue;
+        f8 d2 = leaf_euclid(l, k, &p->at);
+        if (t->normal) d2 = leaf_stretch(&t->metric, &t->normal[leaf], k, &p->at, d2);
+        for (m &= f8_less(d2, d); m; m &= m - 1) {
+            size_t slot = first + (unsigned)__builtin_ctz(m);
+            float value = l->d[slot % PBS_LEAF];
+            if (value > best->d || (value == best->d && t->id[slot] < t->id[best->slot]))
+                best->d = value, best->slot = slot;
         }
     }
+}
+
+/* Leaves are asked for before they are needed: they are seldom in a cache. */
+static inline void leaf_prefetch(const pbs_tree *t, size_t leaf) {
+    const char *l = (const char *)&t->leaf[leaf];
+    for (size_t at = 0; at < sizeof *t->leaf; at += 64) __builtin_prefetch(l + at, 1);
 }
 #endif

@@ -69,23 +69,34 @@ static void sort_places(uint64_t *v, uint64_t *tmp, size_t n) {
     if (from != v) memcpy(v, from, n * sizeof *v);
 }
 
+static void add(harvest *h, uint64_t place) {
+    if (h->count == h->room) {
+        select_smallest(h->place, h->count, h->wanted + 1);
+        h->count = h->wanted + 1;
+    }
+    h->place[h->count++] = place;
+}
+
+/* Whether all d of a leaf are above 0, as most are: their bits, as integers, are too. */
+static bool nothing_in(const pbs_leaf *l) {
+    int32_t bits[PBS_LEAF], any = 0;
+    memcpy(bits, l->d, sizeof bits);
+    for (int k = 0; k < PBS_LEAF; k++) any |= bits[k] - 1;
+    return any >= 0;
+}
+
 /* All surfels, or at least the wanted and one more; and how many others are at distance 0. */
 static size_t collect(harvest *h) {
     const pbs_tree *t = h->t;
     size_t zero = 0;
-    for (size_t leaf = 0; leaf < t->leaves; leaf++)
+    for (size_t leaf = 0; leaf < t->leaves; leaf++) {
+        if (nothing_in(&t->leaf[leaf])) continue;
         for (size_t k = 0; k < PBS_LEAF; k++) {
             float d = t->leaf[leaf].d[k];
-            if (d > 0) continue;
-            if (d == 0) zero++;
-            else {
-                if (h->count == h->room) {
-                    select_smallest(h->place, h->count, h->wanted + 1);
-                    h->count = h->wanted + 1;
-                }
-                h->place[h->count++] = place_at(h, leaf * PBS_LEAF + k);
-            }
+            zero += d == 0;
+            if (d < 0) add(h, place_at(h, leaf * PBS_LEAF + k));
         }
+    }
     return zero - (t->leaves * PBS_LEAF - t->points); /* what fills the last leaf is at 0 too */
 }
 
@@ -93,9 +104,7 @@ static size_t collect(harvest *h) {
 static bool any_at(const harvest *h, const pbs_place *at, int level, size_t fan,
                    bool (*see)(const harvest *h, size_t slot, size_t *count), size_t *count) {
     const pbs_tree *t = h->t;
-    pbs_fan f = t->fan[level][fan];
-    for (int c = 0; c < PBS_FAN; c++) f.max[c] = 0x1p-149f; /* below that there is only 0 */
-    for (unsigned m = fan_near(&f, at->p); m; m &= m - 1) {
+    for (unsigned m = fan_around(&t->fan[level][fan], at->p); m; m &= m - 1) {
         size_t child = fan * PBS_FAN + (unsigned)__builtin_ctz(m);
         if (level) {
             if (any_at(h, at, level - 1, child, see, count)) return true;
@@ -162,7 +171,7 @@ void pbs_greedy_result(pbs_tree *t, size_t first, size_t wanted, pbs_layout *scr
         covering = place_d(h.place[wanted]);
         select_smallest(h.place, wanted, wanted);
         h.last = h.place[wanted - 1];
-        result->duplicates -= count_freed(&h);
+        if (result->duplicates) result->duplicates -= count_freed(&h);
     }
     sort_places(h.place, (uint64_t *)t->leaf, n); /* the leaves are not needed any more */
     for (size_t i = 0; i < n; i++) {

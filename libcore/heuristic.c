@@ -131,15 +131,6 @@ pbs_code pbs_paper_choose(pbs_run *run, const pbs_metric *m, const pbs_points *i
 
 /* ---- any order: spacing and covering from the tree ---- */
 
-typedef float take_fn(pbs_tree *t, size_t slot);
-
-static take_fn *take_for_cpu(void) {
-#if defined(__x86_64__) && defined(__GNUC__)
-    if (__builtin_cpu_supports("avx2")) return pbs_greedy_take_avx2;
-#endif
-    return pbs_greedy_take;
-}
-
 static void finish(const pbs_tree *t, size_t made, pbs_sample_result *result) {
     float most = 0;
     size_t zero = 0;
@@ -156,7 +147,7 @@ static void finish(const pbs_tree *t, size_t made, pbs_sample_result *result) {
 /* Goes through order[] again to see what it covers. slot: room for all candidates. */
 static pbs_code cover(pbs_run *run, pbs_tree *t, const uint32_t *order, size_t made,
                       uint32_t *slot, pbs_err *err) {
-    take_fn *take = take_for_cpu();
+    float (*take)(pbs_tree *, size_t) = pbs_cpu_has_avx2() ? pbs_greedy_take_avx2 : pbs_greedy_take;
     pbs_code rc = PBS_OK;
     for (size_t i = 0; i < t->points; i++) slot[t->id[i]] = (uint32_t)i;
     for (size_t i = 0; i < made && !rc; i++) {
@@ -169,7 +160,7 @@ static pbs_code cover(pbs_run *run, pbs_tree *t, const uint32_t *order, size_t m
 static pbs_code choose_random(pbs_run *run, pbs_tree *t, const pbs_sample_params *params,
                               uint32_t *slot, uint32_t *order, float *spacing, size_t *made,
                               pbs_err *err) {
-    take_fn *take = take_for_cpu();
+    float (*take)(pbs_tree *, size_t) = pbs_cpu_has_avx2() ? pbs_greedy_take_avx2 : pbs_greedy_take;
     uint64_t random = pbs_random(params->seed, params->node, 2);
     size_t wanted = wanted_of(t->points, params);
     pbs_code rc = PBS_OK;
@@ -197,7 +188,7 @@ pbs_code pbs_heuristic_run(pbs_run *run, const pbs_metric *m, const pbs_points *
         rc = pbs_paper_choose(run, m, in, params, scratch, order, spacing, &made, err);
     pbs_tree_layout(&t, in->count, &scratch);
     uint32_t *slot = pbs_layout_take(&scratch, in->count * sizeof *slot);
-    if (!rc) rc = pbs_tree_build(run, &t, in, err);
+    if (!rc) rc = (pbs_cpu_has_avx2() ? pbs_tree_build_avx2 : pbs_tree_build)(run, &t, in, err);
     if (!rc && params->method == PBS_PAPER) rc = cover(run, &t, order, made, slot, err);
     else if (!rc) rc = choose_random(run, &t, params, slot, order, spacing, &made, err);
     if (!rc) finish(&t, made, result);

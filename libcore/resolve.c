@@ -1,4 +1,4 @@
-#include "libcore/resolve.h"
+#include "libcore/resolve_math.h"
 
 /* ---- placed meshes ---- */
 
@@ -45,13 +45,37 @@ static pbs_placed *placed(pbs_resolve_scratch *s, uint32_t id) {
     return p;
 }
 
-/* ---- where a triangle is hit ---- */
+/* ---- a batch of pixels ---- */
 
-/* Barycentric coordinates of the point of the triangle 0, a[0], a[1] nearest to d. */
-static void nearest(const double a[2][2], const double d[2], double b[3]) {
-    const double p[4][2] = {{0, 0}, {a[0][0], a[0][1]}, {a[1][0], a[1][1]}, {0, 0}};
-    double best = INFINITY;
-    b[0] = 1, b[1] = b[2] = 0;
+static void aim(bool simd, const pbs_placed *p, pbs_lanes *b, int from, int to) {
+#if defined(__x86_64__)
+    if (simd) {
+        pbs_resolve_aim_avx2(p, b, from, to);
+        return;
+    }
+#endif
+    (void)simd;
+    aim_all(p, b, from, to);
+}
+
+static void finish(bool simd, const pbs_placed *p, pbs_lanes *b, int from, int to, bool normals,
+                   bool odd) {
+#if defined(__x86_64__)
+    if (simd) {
+        pbs_resolve_finish_avx2(p, b, from, to, normals, odd);
+        return;
+    }
+#endif
+    (void)simd;
+    finish_all(p, b, from, to, normals, odd);
+}
+
+/* The point of the triangle nearest to the pixel's centre, as the view sees both. */
+static void nearest(pbs_lanes *b, int lane) {
+    double p[4][2] = {{0}}, d[2] = {b->d[0][lane], b->d[1][lane]}, best = INFINITY;
+    for (int i = 0; i < 2; i++)
+        for (int k = 0; k < 2; k++) p[i + 1][k] = b->a[i][k][lane];
+    double out[3] = {1, 0, 0};
     for (int i = 0; i < 3; i++) {
         double ex = p[i + 1][0] - p[i][0], ey = p[i + 1][1] - p[i][1];
         double dx = d[0] - p[i][0], dy = d[1] - p[i][1], l = ex * ex + ey * ey;
@@ -60,176 +84,118 @@ static void nearest(const double a[2][2], const double d[2], double b[3]) {
         double x = dx - t * ex, y = dy - t * ey, far = x * x + y * y;
         if (!(far < best)) continue;
         best = far;
-        b[0] = b[1] = b[2] = 0;
-        b[i] = 1 - t, b[(i + 1) % 3] = t;
+        out[0] = out[1] = out[2] = 0;
+        out[i] = 1 - t, out[(i + 1) % 3] = t;
     }
+    for (int k = 0; k < 3; k++) b->b[k][lane] = out[k];
 }
-
-typedef struct surface {
-    const float *p[3];
-    double e[2][3]; /* edges from corner 0 in the part's coordinates */
-} surface;
-
-static inline void find(const pbs_placed *p, uint32_t x, uint32_t y, pbs_hit *h, surface *s) {
-    const double *v = p->view;
-    for (int i = 0; i < 3; i++) s->p[i] = h->mesh->position + 3 * (size_t)h->corner[i];
-    for (int k = 0; k < 3; k++) {
-        s->e[0][k] = (double)s->p[1][k] - s->p[0][k];
-        s->e[1][k] = (double)s->p[2][k] - s->p[0][k];
-    }
-    double o[3] = {s->p[0][0], s->p[0][1], s->p[0][2]}, d[2];
-    d[0] = x * (double)PBS_SUBPIXELS + PBS_SUBPIXELS / 2 -
-           (v[0] * o[0] + v[1] * o[1] + v[2] * o[2] + v[3]);
-    d[1] = y * (double)PBS_SUBPIXELS + PBS_SUBPIXELS / 2 -
-           (v[4] * o[0] + v[5] * o[1] + v[6] * o[2] + v[7]);
-    for (int i = 0; i < 2; i++) {
-        h->a[i][0] = v[0] * s->e[i][0] + v[1] * s->e[i][1] + v[2] * s->e[i][2];
-        h->a[i][1] = v[4] * s->e[i][0] + v[5] * s->e[i][1] + v[6] * s->e[i][2];
-    }
-    h->det = h->a[0][0] * h->a[1][1] - h->a[1][0] * h->a[0][1];
-    double inv = 1 / h->det;
-    h->b[1] = (d[0] * h->a[1][1] - h->a[1][0] * d[1]) * inv;
-    h->b[2] = (h->a[0][0] * d[1] - d[0] * h->a[0][1]) * inv;
-    h->b[0] = 1 - h->b[1] - h->b[2];
-    if (!(h->b[0] >= 0 && h->b[1] >= 0 && h->b[2] >= 0)) nearest((const double(*)[2])h->a, d, h->b);
-}
-
-static void corners(pbs_hit *h, const pbs_mesh *mesh, uint32_t triangle) {
-    h->mesh = mesh;
-    h->triangle = triangle;
-    for (int i = 0; i < 3; i++) h->corner[i] = mesh->index[3 * (size_t)triangle + (size_t)i];
-}
-
-void pbs_hit_at(const pbs_placed *p, uint32_t triangle, uint32_t x, uint32_t y, pbs_hit *hit) {
-    surface s;
-    corners(hit, p->draw->mesh, triangle);
-    find(p, x, y, hit, &s);
-}
-
-static inline void put_position(const pbs_placed *p, const pbs_hit *h, const surface *s,
-                                float out[3]) {
-    double q[3];
-    for (int k = 0; k < 3; k++) q[k] = s->p[0][k] + (h->b[1] * s->e[0][k] + h->b[2] * s->e[1][k]);
-    pbs_xform_point(q, p->draw->m, q);
-    for (int k = 0; k < 3; k++) out[k] = (float)q[k];
-}
-
-/* ---- normals ---- */
-
-static inline void turn(const double c[9], const double v[3], double out[3]) {
-    for (int r = 0; r < 3; r++)
-        out[r] = c[3 * r] * v[0] + c[3 * r + 1] * v[1] + c[3 * r + 2] * v[2];
-}
-static inline double dot(const double a[3], const double b[3]) {
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
-/* The corners' normals in the part's coordinates; false: there are none, or they cancel out. */
-static inline bool smooth(const pbs_hit *h, double out[3]) {
-    if (!h->mesh->normal) return false;
-    out[0] = out[1] = out[2] = 0;
-    for (int i = 0; i < 3; i++) {
-        float n[3];
-        pbs_oct_decode(n, h->mesh->normal + 2 * (size_t)h->corner[i]);
-        for (int k = 0; k < 3; k++) out[k] += h->b[i] * n[k];
-    }
-    return dot(out, out) > 1e-8;
-}
-
-/* away: the triangle's own normal, right-handed, points away from the viewer. */
-static inline void put_normal(const pbs_placed *p, const pbs_hit *h, const surface *s, bool away,
-                              int16_t out[2]) {
-    const double *a = s->e[0], *b = s->e[1];
-    double face[3] = {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2],
-                      a[0] * b[1] - a[1] * b[0]};
-    double g[3], v[3], n[3], l = 0;
-    turn(p->cofactor, face, g);
-    bool flip = away;
-    if (smooth(h, v)) {
-        turn(p->cofactor, v, n);
-        flip = (dot(n, g) < 0) != away;
-        l = dot(n, n);
-    }
-    if (!(l > 0)) {
-        memcpy(n, g, sizeof n);
-        flip = away;
-        l = dot(n, n);
-    }
-    l = (flip ? -1 : 1) / sqrt(l);
-    float unit[3] = {(float)(n[0] * l), (float)(n[1] * l), (float)(n[2] * l)};
-    pbs_oct_encode(out, unit);
-}
-
-/* ---- a batch of pixels of one row and one view ---- */
-
-typedef struct batch {
-    int count;
-    uint32_t x[PBS_RESOLVE_BATCH]; /* in the even view */
-    const pbs_placed *place[PBS_RESOLVE_BATCH];
-    pbs_hit hit[PBS_RESOLVE_BATCH];
-} batch;
 
 /* Every step ends with asking for the memory that the next one reads. */
-static void locate(pbs_resolve_scratch *s, batch *b, const uint64_t *row, const uint32_t *column,
-                   int count, int step) {
+static void locate(pbs_resolve_scratch *s, const uint64_t *row, const uint32_t *column, int count,
+                   int step) {
+    pbs_lanes *b = &s->lanes;
+    const pbs_placed *p = NULL;
+    uint32_t first = 0, triangles = 0;
     s->batch++;
     for (b->count = 0; b->count < count; b->count++) {
-        uint32_t x = column[b->count * step];
-        uint32_t id = (uint32_t)row[2 * (size_t)x];
-        const pbs_placed *p = placed(s, id);
-        if (!p) break;
+        uint32_t x = column[b->count * step], id = (uint32_t)row[2 * (size_t)x];
+        if (id - first >= triangles) {
+            if (!(p = placed(s, id))) break;
+            first = p->first, triangles = p->draw->mesh->triangles;
+        }
         b->x[b->count] = x;
         b->place[b->count] = p;
-        b->hit[b->count].triangle = id - p->first;
-        __builtin_prefetch(p->draw->mesh->index + 3 * (size_t)(id - p->first));
+        b->triangle[b->count] = id - first;
+        __builtin_prefetch(p->draw->mesh->index + 3 * (size_t)(id - first));
     }
 }
 
-static void fetch(const pbs_resolve *set, batch *b) {
+static void find_corners(const pbs_resolve *set, pbs_lanes *b) {
+    bool normal = set->channels & PBS_NORMAL, colour = set->channels & PBS_COLOUR;
     for (int i = 0; i < b->count; i++) {
         const pbs_mesh *mesh = b->place[i]->draw->mesh;
-        pbs_hit *h = &b->hit[i];
-        corners(h, mesh, h->triangle);
+        const uint16_t *t = mesh->index + 3 * (size_t)b->triangle[i];
         for (int k = 0; k < 3; k++) {
-            __builtin_prefetch(mesh->position + 3 * (size_t)h->corner[k]);
-            if (mesh->normal && set->channels & PBS_NORMAL)
-                __builtin_prefetch(mesh->normal + 2 * (size_t)h->corner[k]);
-            if (mesh->colour && set->channels & PBS_COLOUR)
-                __builtin_prefetch(mesh->colour + 4 * (size_t)h->corner[k]);
+            size_t v = b->corner[k][i] = t[k];
+            __builtin_prefetch(mesh->position + 3 * v);
+            if (normal && mesh->normal) __builtin_prefetch(mesh->normal + 2 * v);
+            if (colour && mesh->colour) __builtin_prefetch(mesh->colour + 4 * v);
         }
     }
 }
 
-static void put_batch(pbs_resolve_scratch *s, batch *b, uint32_t y, bool odd,
-                      pbs_resolve_out *out) {
-    const pbs_resolve *set = s->set;
-    pbs_points *to = &out->points;
-    uint32_t width = s->pair->width;
-    for (int i = 0; i < b->count; i++) {
-        const pbs_placed *p = b->place[i];
-        pbs_hit *h = &b->hit[i];
-        surface face;
-        find(p, b->x[i], y, h, &face);
-        size_t n = to->count++;
-        out->where[n] = y * width + (odd ? width - 1 - b->x[i] : b->x[i]);
-        put_position(p, h, &face, to->position + 3 * n);
-        if (to->normal) put_normal(p, h, &face, odd ? h->det > 0 : h->det < 0, to->normal + 2 * n);
-        if (to->colour) pbs_shader_colour(set->shader, h, to->colour + 4 * n);
-        if (to->material) pbs_shader_material(set->shader, h, to->material + 4 * n);
-        if (to->emissive) pbs_shader_emissive(set->shader, h, to->emissive + 4 * n);
+static void gather(pbs_lanes *b, bool normals, uint32_t y) {
+    for (int i = 0; i < b->count + 3; i++) {
+        int from = i < b->count ? i : b->count - 1;
+        const pbs_mesh *mesh = b->place[from]->draw->mesh;
+        for (int k = 0; k < 3; k++) {
+            size_t v = b->corner[k][from];
+            const float *p = mesh->position + 3 * v;
+            b->p[k][0][i] = p[0], b->p[k][1][i] = p[1], b->p[k][2][i] = p[2];
+            b->normal[k][i] = 0;
+            if (normals && mesh->normal) memcpy(&b->normal[k][i], mesh->normal + 2 * v, 4);
+        }
+        b->centre[0][i] = b->x[from] * (double)PBS_SUBPIXELS + PBS_SUBPIXELS / 2;
+        b->centre[1][i] = y * (double)PBS_SUBPIXELS + PBS_SUBPIXELS / 2;
     }
 }
 
+static void compute(const pbs_resolve_scratch *s, pbs_lanes *b, bool odd) {
+    bool normals = s->set->channels & PBS_NORMAL;
+    for (int from = 0, to; from < b->count; from = to) {
+        const pbs_placed *p = b->place[from];
+        for (to = from + 1; to < b->count && b->place[to] == p;) to++;
+        aim(s->simd, p, b, from, to);
+        for (int i = from; i < to; i++)
+            if (!b->inside[i]) nearest(b, i);
+        finish(s->simd, p, b, from, to, normals, odd);
+    }
+}
+
+static void shade(const pbs_shader *shader, const pbs_lanes *b, pbs_points *to, size_t n) {
+    for (int i = 0; i < b->count; i++, n++) {
+        if (to->colour) pbs_shader_colour(shader, b, i, to->colour + 4 * n);
+        if (to->material) pbs_shader_material(shader, b, i, to->material + 4 * n);
+        if (to->emissive) pbs_shader_emissive(shader, b, i, to->emissive + 4 * n);
+    }
+}
+
+static void put(const pbs_resolve_scratch *s, uint32_t y, bool odd, pbs_resolve_out *out) {
+    const pbs_lanes *b = &s->lanes;
+    pbs_points *to = &out->points;
+    size_t n = to->count;
+    uint32_t width = s->pair->width;
+    for (int i = 0; i < b->count; i++) {
+        out->where[n + (size_t)i] = y * width + (odd ? width - 1 - b->x[i] : b->x[i]);
+        for (int k = 0; k < 3; k++)
+            to->position[3 * (n + (size_t)i) + (size_t)k] = b->position[k][i];
+    }
+    if (to->normal) memcpy(to->normal + 2 * n, b->code, 4 * (size_t)b->count);
+    if (to->colour || to->material || to->emissive) shade(s->set->shader, b, to, n);
+    to->count += (size_t)b->count;
+}
+
+void pbs_resolve_one(const pbs_placed *p, uint32_t triangle, uint32_t x, uint32_t y,
+                     pbs_lanes *out) {
+    const uint16_t *t = p->draw->mesh->index + 3 * (size_t)triangle;
+    out->count = 1;
+    out->place[0] = p, out->triangle[0] = triangle, out->x[0] = x;
+    for (int k = 0; k < 3; k++) out->corner[k][0] = t[k];
+    gather(out, false, y);
+    aim_all(p, out, 0, 1);
+    if (!out->inside[0]) nearest(out, 0);
+}
+
 void pbs_resolve_begin(pbs_resolve_scratch *s, const pbs_resolve *set, const pbs_pair *pair) {
-    uint32_t *column = s->column;
-    memset(s, 0, sizeof *s);
     s->set = set;
     s->pair = pair;
-    s->column = column;
+    s->last = 0;
+    s->batch = 0;
+    memset(s->cache, 0, sizeof s->cache);
+    memset(s->used, 0, sizeof s->used);
 }
 
 void pbs_resolve_band(pbs_resolve_scratch *s, const pbs_raster *r, pbs_resolve_out out[2]) {
-    batch b;
     for (uint32_t y = r->y0; y < r->y1; y++) {
         const uint64_t *row = r->key + 2 * (size_t)(y - r->y0) * r->width;
         int n = 0;
@@ -238,12 +204,14 @@ void pbs_resolve_band(pbs_resolve_scratch *s, const pbs_raster *r, pbs_resolve_o
             n += row[2 * (size_t)x] < PBS_KEY_EMPTY;
         }
         for (int odd = 0; odd < 2; odd++)
-            for (int i = 0; i < n; i += b.count) {
+            for (int i = 0; i < n; i += s->lanes.count) {
                 const uint32_t *column = odd ? s->column + (n - 1 - i) : s->column + i;
-                int count = n - i < PBS_RESOLVE_BATCH ? n - i : PBS_RESOLVE_BATCH;
-                locate(s, &b, row + odd, column, count, odd ? -1 : 1);
-                fetch(s->set, &b);
-                put_batch(s, &b, y, odd, &out[odd]);
+                int count = n - i < PBS_LANES_BATCH ? n - i : PBS_LANES_BATCH;
+                locate(s, row + odd, column, count, odd ? -1 : 1);
+                find_corners(s->set, &s->lanes);
+                gather(&s->lanes, s->set->channels & PBS_NORMAL, y);
+                compute(s, &s->lanes, odd);
+                put(s, y, odd, &out[odd]);
             }
     }
 }

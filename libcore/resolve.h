@@ -12,19 +12,11 @@
 #ifndef PBS_RESOLVE_H
 #define PBS_RESOLVE_H
 
+#include "libcore/lanes.h"
 #include "libcore/raster.h"
 #include "libcore/shade.h"
 
 #define PBS_RESOLVE_CACHE 256 /* placed meshes kept ready, a power of two */
-#define PBS_RESOLVE_BATCH 64
-
-/* A draw, ready to be hit. */
-typedef struct pbs_placed {
-    const pbs_draw *draw;
-    uint32_t number, first; /* of the draw, of its first triangle */
-    double view[8];         /* x and y rows of pbs_pair_project */
-    double cofactor[9];     /* scaled to at most 1 */
-} pbs_placed;
 
 /* What all threads read. */
 typedef struct pbs_resolve {
@@ -43,6 +35,8 @@ typedef struct pbs_resolve_scratch {
     pbs_placed cache[PBS_RESOLVE_CACHE]; /* draw NULL: empty */
     uint64_t used[PBS_RESOLVE_CACHE];    /* number of the batch that last used it */
     uint64_t batch;
+    pbs_lanes lanes;
+    bool simd; /* may use AVX2; same bits either way */
 } pbs_resolve_scratch;
 
 /* One view of a band. Room for as many points as there are covered pixels. */
@@ -51,7 +45,7 @@ typedef struct pbs_resolve_out {
     uint32_t *where;
 } pbs_resolve_out;
 
-/* To be called for each pair. column stays. */
+/* To be called for each pair. column and simd stay. */
 void pbs_resolve_begin(pbs_resolve_scratch *s, const pbs_resolve *set, const pbs_pair *pair);
 
 /* Appends the covered pixels of r's band to out[0] (even view) and out[1] (odd view, mirrored). */
@@ -60,6 +54,12 @@ void pbs_resolve_band(pbs_resolve_scratch *s, const pbs_raster *r, pbs_resolve_o
 void pbs_place(pbs_placed *p, const pbs_pair *pair, const pbs_draw *draw, uint32_t number,
                uint32_t first);
 
-/* The point of a triangle at the centre of pixel x, y of the even view. */
-void pbs_hit_at(const pbs_placed *p, uint32_t triangle, uint32_t x, uint32_t y, pbs_hit *hit);
+/* Fills lane 0 for the centre of pixel x, y of the even view. */
+void pbs_resolve_one(const pbs_placed *p, uint32_t triangle, uint32_t x, uint32_t y,
+                     pbs_lanes *out);
+
+/* resolve_math.h, for lanes from .. to - 1; up to three more are written. */
+void pbs_resolve_aim_avx2(const pbs_placed *p, pbs_lanes *b, int from, int to);
+void pbs_resolve_finish_avx2(const pbs_placed *p, pbs_lanes *b, int from, int to, bool normals,
+                             bool odd);
 #endif

@@ -1,9 +1,21 @@
 #include "libcore/run.h"
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 
 /* Every block begins with its size, so that pbs_free knows what to give back. */
 #define HEAD 64
+
+/* What a block for that many bytes takes, which must not be near SIZE_MAX. */
+static size_t block_size(size_t bytes) { return (HEAD + bytes + HEAD - 1) / HEAD * HEAD; }
+
+/* Big arrays are touched once from end to end, and page by page that costs more than what is
+ * written into them. Only whole huge pages of the block are asked for, so no memory is wasted. */
+static void ask_for_huge_pages(void *p, size_t bytes) {
+    const uintptr_t huge = (uintptr_t)2 << 20;
+    uintptr_t from = ((uintptr_t)p + huge - 1) / huge * huge, to = ((uintptr_t)p + bytes) / huge * huge;
+    if (to > from + huge) madvise((void *)from, to - from, MADV_HUGEPAGE);
+}
 
 static void raise_to(size_t *peak, size_t v) {
     size_t p = __atomic_load_n(peak, __ATOMIC_RELAXED);
@@ -14,8 +26,8 @@ static void raise_to(size_t *peak, size_t v) {
 static pbs_code too_small(const pbs_run *run, size_t bytes, const char *what, pbs_err *err) {
     size_t used = pbs_mem_used(run);
     size_t sum = bytes > SIZE_MAX - used ? SIZE_MAX : used + bytes;
-    return pbs_fail(err, PBS_LIMIT, "%s: -m %zuMi is too small: at least -m %zuMi is needed", what,
-                    run->mem_limit >> 20, sum / (1 << 20) + 1);
+    return pbs_fail(err, PBS_LIMIT, "%s: -m %.4gMi is too small: at least -m %zuMi is needed",
+                    what, (double)run->mem_limit / (1 << 20), sum / (1 << 20) + 1);
 }
 
 pbs_code pbs_mem_take(pbs_run *run, size_t bytes, const char *what, pbs_err *err) {
@@ -54,13 +66,14 @@ pbs_code pbs_alloc(pbs_run *run, void *out, size_t count, size_t size, const cha
     memcpy(out, &p, sizeof p);
     if (size && count > (SIZE_MAX / 2 - HEAD) / size)
         return pbs_fail(err, PBS_LIMIT, "%s: too large", what);
-    size_t bytes = (HEAD + count * size + HEAD - 1) / HEAD * HEAD;
+    size_t bytes = block_size(count * size);
     pbs_code rc = pbs_mem_take(run, bytes, what, err);
     if (rc) return rc;
     if (!(p = aligned_alloc(HEAD, bytes))) {
         pbs_mem_give(run, bytes);
         return pbs_fail(err, PBS_LIMIT, "%s: the machine has no %zu MiB left", what, bytes >> 20);
     }
+    ask_for_huge_pages(p, bytes);
     memcpy(p, &bytes, sizeof bytes);
     p = (char *)p + HEAD;
     memcpy(out, &p, sizeof p);
@@ -75,7 +88,8 @@ pbs_code pbs_grow(pbs_run *run, void *ptr, size_t *cap, size_t need, size_t size
     size_t want = *cap + *cap / 2;
     if (want < need) want = need;
     /* The last step before the limit may be the exact one. */
-    if (size && want > need && want * size + HEAD > pbs_mem_left(run)) want = need;
+    if (size && (want > SIZE_MAX / 4 / size || block_size(want * size) > pbs_mem_left(run)))
+        want = need;
     pbs_code rc = pbs_alloc(run, &fresh, want, size, what, err);
     if (rc) return rc;
     if (old) memcpy(fresh, old, *cap * size);

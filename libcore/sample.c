@@ -4,6 +4,7 @@
 #include "libcore/heuristic.h"
 #include "libcore/rng.h"
 #include <stdlib.h>
+#include <sys/mman.h>
 
 struct pbs_sampler {
     pbs_run *run;
@@ -41,14 +42,25 @@ size_t pbs_sample_need(size_t candidates, const pbs_sample_params *p) {
     return l.used + ALLOC_HEAD;
 }
 
+/* The tree is walked in all directions: with 4 KiB pages, finding the pages costs as much as the
+ * walk. Nothing depends on whether the system agrees. */
+static void ask_for_huge_pages(void *block, size_t size) {
+    const uintptr_t huge = 2 << 20;
+    uintptr_t begin = ((uintptr_t)block + huge - 1) / huge * huge;
+    uintptr_t end = ((uintptr_t)block + size) / huge * huge;
+    if (begin < end) madvise((void *)begin, end - begin, MADV_HUGEPAGE);
+}
+
 static pbs_code reserve(pbs_sampler *s, size_t size, pbs_err *err) {
     if (size <= s->size) return PBS_OK;
     pbs_free(s->run, s->block);
     s->block = NULL;
     s->size = 0;
     pbs_code rc = pbs_alloc(s->run, &s->block, size, 1, "sampling", err);
-    if (!rc) s->size = size;
-    return rc;
+    if (rc) return rc;
+    s->size = size;
+    ask_for_huge_pages(s->block, size);
+    return PBS_OK;
 }
 
 static pbs_code run_greedy(pbs_sampler *s, const pbs_points *in, const pbs_sample_params *p,
@@ -56,14 +68,11 @@ static pbs_code run_greedy(pbs_sampler *s, const pbs_points *in, const pbs_sampl
                            pbs_err *err) {
     pbs_layout l = {s->block, 0};
     pbs_tree_layout(t, in->count, &l);
-    pbs_code rc = pbs_tree_build(s->run, t, in, err);
+    bool wide = pbs_cpu_has_avx2();
+    pbs_code rc = (wide ? pbs_tree_build_avx2 : pbs_tree_build)(s->run, t, in, err);
     if (rc) return rc;
     size_t wanted = wanted_of(t->points, p);
     size_t first = pbs_random_below(pbs_random(p->seed, p->node, 0), (uint32_t)t->points);
-    bool wide = false;
-#if defined(__x86_64__) && defined(__GNUC__)
-    wide = __builtin_cpu_supports("avx2");
-#endif
     rc = (wide ? pbs_greedy_run_avx2 : pbs_greedy_run)(s->run, t, first, wanted, &l, err);
     if (!rc) pbs_greedy_result(t, first, wanted, &l, order, spacing, result);
     return rc;

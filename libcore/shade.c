@@ -1,4 +1,5 @@
 #include "libcore/shade.h"
+#include "libcore/raster.h"
 
 static const pbs_material white = {.base = {1, 1, 1, 1},
                                    .roughness = 1,
@@ -60,7 +61,8 @@ size_t pbs_shader_need(const pbs_gbuffer_scene *scene, uint32_t channels) {
 
 /* ---- flat values ---- */
 
-static void encode(const pbs_shader *s, const pbs_material *m, const float c[4], uint8_t out[4]) {
+static inline void encode(const pbs_shader *s, const pbs_material *m, const float c[4],
+                          uint8_t out[4]) {
     for (int k = 0; k < 3; k++) out[k] = pbs_srgb_encode(s->srgb, c[k]);
     out[3] = m->alpha == PBS_ALPHA_BLEND ? pbs_unorm8(c[3]) : 255;
 }
@@ -129,39 +131,46 @@ void pbs_shader_free(pbs_run *run, pbs_shader *s) {
 
 /* ---- one point ---- */
 
-static void sample(const pbs_texture *t, const pbs_texture_use *use, const pbs_hit *h,
+static const pbs_mesh *mesh_of(const pbs_lanes *b, int lane) {
+    return b->place[lane]->draw->mesh;
+}
+
+static void sample(const pbs_texture *t, const pbs_texture_use *use, const pbs_lanes *b, int lane,
                    float out[4]) {
     const float *uv[3];
     double at[2], dx[2], dy[2];
-    for (int i = 0; i < 3; i++) uv[i] = h->mesh->uv + 2 * (size_t)h->corner[i];
+    for (int i = 0; i < 3; i++) uv[i] = mesh_of(b, lane)->uv + 2 * (size_t)b->corner[i][lane];
     /* Barycentric coordinates per pixel, from the inverse of the edges' matrix. */
-    double f = PBS_SUBPIXELS / h->det;
+    double f = PBS_SUBPIXELS / b->det[lane];
     for (int k = 0; k < 2; k++) {
         double d1 = (double)uv[1][k] - uv[0][k], d2 = (double)uv[2][k] - uv[0][k];
-        at[k] = h->b[0] * uv[0][k] + h->b[1] * uv[1][k] + h->b[2] * uv[2][k];
-        dx[k] = (d1 * h->a[1][1] - d2 * h->a[0][1]) * f;
-        dy[k] = (d2 * h->a[0][0] - d1 * h->a[1][0]) * f;
+        at[k] = b->b[0][lane] * uv[0][k] + b->b[1][lane] * uv[1][k] + b->b[2][lane] * uv[2][k];
+        dx[k] = (d1 * b->a[1][1][lane] - d2 * b->a[0][1][lane]) * f;
+        dy[k] = (d2 * b->a[0][0][lane] - d1 * b->a[1][0][lane]) * f;
     }
     pbs_texture_sample(t, use, at, dx, dy, out);
 }
 
-static void vertex_colour(const pbs_shader *s, const pbs_hit *h, float c[4]) {
-    const uint8_t *v[3];
-    for (int i = 0; i < 3; i++) v[i] = h->mesh->colour + 4 * (size_t)h->corner[i];
-    float b[3] = {(float)h->b[0], (float)h->b[1], (float)h->b[2]};
-    for (int k = 0; k < 4; k++) {
-        const float *t = k < 3 ? s->srgb->linear : s->srgb->unorm;
-        c[k] *= b[0] * t[v[0][k]] + b[1] * t[v[1][k]] + b[2] * t[v[2][k]];
+static inline void vertex_colour(const pbs_shader *s, const pbs_lanes *b, int lane, float c[4]) {
+    const uint8_t *colour = mesh_of(b, lane)->colour;
+    const float *linear = s->srgb->linear;
+    float sum[4] = {0, 0, 0, 0};
+    for (int i = 0; i < 3; i++) {
+        const uint8_t *v = colour + 4 * (size_t)b->corner[i][lane];
+        float w = (float)b->b[i][lane];
+        sum[0] += w * linear[v[0]], sum[1] += w * linear[v[1]], sum[2] += w * linear[v[2]];
+        sum[3] += w * s->srgb->unorm[v[3]];
     }
+    c[0] *= sum[0], c[1] *= sum[1], c[2] *= sum[2], c[3] *= sum[3];
 }
 
-static void linear_colour(const pbs_shader *s, const pbs_material *m, const pbs_texture *t,
-                          const pbs_hit *h, float c[4]) {
+static inline void linear_colour(const pbs_shader *s, const pbs_material *m, const pbs_texture *t,
+                                 const pbs_lanes *b, int lane, float c[4]) {
     float texel[4];
     memcpy(c, m->base, 4 * sizeof *c);
-    if (h->mesh->colour) vertex_colour(s, h, c);
+    if (mesh_of(b, lane)->colour) vertex_colour(s, b, lane, c);
     if (!t) return;
-    sample(t, &m->base_texture, h, texel);
+    sample(t, &m->base_texture, b, lane, texel);
     for (int k = 0; k < 4; k++) c[k] *= texel[k];
 }
 
@@ -172,42 +181,45 @@ bool pbs_shader_asks(const pbs_shader *s, const pbs_mesh *mesh, uint32_t triangl
     return (s->flat[i].base && mesh->uv) || mesh->colour || m->base[3] < m->alpha_cutoff;
 }
 
-bool pbs_shader_keep(const pbs_shader *s, const pbs_hit *h) {
+bool pbs_shader_keep(const pbs_shader *s, const pbs_lanes *b, int lane) {
     float c[4];
-    uint32_t i = material_of(s, h->mesh, h->triangle);
-    const pbs_material *m = get(s, i);
-    linear_colour(s, m, h->mesh->uv ? s->flat[i].base : NULL, h, c);
-    return !(c[3] < m->alpha_cutoff);
+    const pbs_mesh *mesh = mesh_of(b, lane);
+    uint32_t i = material_of(s, mesh, b->triangle[lane]);
+    linear_colour(s, get(s, i), mesh->uv ? s->flat[i].base : NULL, b, lane, c);
+    return !(c[3] < get(s, i)->alpha_cutoff);
 }
 
-void pbs_shader_colour(const pbs_shader *s, const pbs_hit *h, uint8_t out[4]) {
-    uint32_t i = material_of(s, h->mesh, h->triangle);
-    const pbs_texture *t = h->mesh->uv ? s->flat[i].base : NULL;
-    if (!t && !h->mesh->colour) {
+void pbs_shader_colour(const pbs_shader *s, const pbs_lanes *b, int lane, uint8_t out[4]) {
+    const pbs_mesh *mesh = mesh_of(b, lane);
+    uint32_t i = material_of(s, mesh, b->triangle[lane]);
+    const pbs_texture *t = mesh->uv ? s->flat[i].base : NULL;
+    if (!t && !mesh->colour) {
         memcpy(out, s->flat[i].colour, 4);
         return;
     }
     float c[4];
-    linear_colour(s, get(s, i), t, h, c);
+    linear_colour(s, get(s, i), t, b, lane, c);
     encode(s, get(s, i), c, out);
 }
 
-void pbs_shader_material(const pbs_shader *s, const pbs_hit *h, uint8_t out[4]) {
-    uint32_t i = material_of(s, h->mesh, h->triangle);
+void pbs_shader_material(const pbs_shader *s, const pbs_lanes *b, int lane, uint8_t out[4]) {
+    const pbs_mesh *mesh = mesh_of(b, lane);
+    uint32_t i = material_of(s, mesh, b->triangle[lane]);
     const pbs_material *m = get(s, i);
     memcpy(out, s->flat[i].finish, 4);
-    if (!h->mesh->uv || !s->flat[i].material) return;
+    if (!mesh->uv || !s->flat[i].material) return;
     float c[4];
-    sample(s->flat[i].material, &m->material_texture, h, c);
+    sample(s->flat[i].material, &m->material_texture, b, lane, c);
     out[0] = pbs_unorm8(m->metallic * c[2]), out[1] = pbs_unorm8(m->roughness * c[1]);
 }
 
-void pbs_shader_emissive(const pbs_shader *s, const pbs_hit *h, uint8_t out[4]) {
-    uint32_t i = material_of(s, h->mesh, h->triangle);
+void pbs_shader_emissive(const pbs_shader *s, const pbs_lanes *b, int lane, uint8_t out[4]) {
+    const pbs_mesh *mesh = mesh_of(b, lane);
+    uint32_t i = material_of(s, mesh, b->triangle[lane]);
     const pbs_material *m = get(s, i);
     memcpy(out, s->flat[i].glow, 4);
-    if (!h->mesh->uv || !s->flat[i].emissive) return;
+    if (!mesh->uv || !s->flat[i].emissive) return;
     float c[4];
-    sample(s->flat[i].emissive, &m->emissive_texture, h, c);
+    sample(s->flat[i].emissive, &m->emissive_texture, b, lane, c);
     for (int k = 0; k < 3; k++) out[k] = pbs_srgb_encode(s->srgb, m->emissive[k] * c[k]);
 }

@@ -5,16 +5,8 @@
 #define PBS_SHADE_H
 
 #include "libcore/gbuffer.h"
-#include "libcore/raster.h"
+#include "libcore/lanes.h"
 #include "libcore/texture.h"
-
-/* A point on a triangle of a placed mesh. */
-typedef struct pbs_hit {
-    const pbs_mesh *mesh;
-    uint32_t triangle, corner[3];
-    double b[3];         /* barycentric, 0 .. 1 */
-    double a[2][2], det; /* the edges from corner 0 in the view, in 1/256 pixel; their area */
-} pbs_hit;
 
 /* What of a material does not depend on the point. */
 typedef struct pbs_flat {
@@ -42,10 +34,11 @@ void pbs_shader_free(pbs_run *run, pbs_shader *s);
 
 /* Whether fragments of the triangle must be asked for with pbs_shader_keep. */
 bool pbs_shader_asks(const pbs_shader *s, const pbs_mesh *mesh, uint32_t triangle);
-bool pbs_shader_keep(const pbs_shader *s, const pbs_hit *hit);
+bool pbs_shader_keep(const pbs_shader *s, const pbs_lanes *b, int lane);
 
-/* Record formats as in record.h. Opaque and masked surfaces have alpha 255. */
-void pbs_shader_colour(const pbs_shader *s, const pbs_hit *hit, uint8_t out[4]);
-void pbs_shader_material(const pbs_shader *s, const pbs_hit *hit, uint8_t out[4]);
-void pbs_shader_emissive(const pbs_shader *s, const pbs_hit *hit, uint8_t out[4]);
+/* For a lane with barycentric coordinates. Record formats as in record.h. Opaque and masked
+ * surfaces have alpha 255. */
+void pbs_shader_colour(const pbs_shader *s, const pbs_lanes *b, int lane, uint8_t out[4]);
+void pbs_shader_material(const pbs_shader *s, const pbs_lanes *b, int lane, uint8_t out[4]);
+void pbs_shader_emissive(const pbs_shader *s, const pbs_lanes *b, int lane, uint8_t out[4]);
 #endif

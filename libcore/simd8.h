@@ -5,6 +5,7 @@
 #ifndef PBS_SIMD8_H
 #define PBS_SIMD8_H
 
+#include <math.h>
 #include <stdint.h>
 #include <string.h>
 
@@ -40,6 +41,22 @@ static inline f8 f8_dot16(const int16_t *xy, const int16_t *z0, const int16_t p[
     a = _mm256_madd_epi16(a, _mm256_set1_epi32(pxy));
     b = _mm256_madd_epi16(b, _mm256_set1_epi32(pz0));
     return _mm256_cvtepi32_ps(_mm256_add_epi32(a, b));
+}
+static inline f8 f8_sqrt(f8 a) { return _mm256_sqrt_ps(a); }
+/* Towards zero, as a conversion in C. */
+static inline void f8_to_int(int32_t *p, f8 a) {
+    _mm256_storeu_si256((__m256i *)p, _mm256_cvttps_epi32(a));
+}
+/* p[2i] to a[i], p[2i+1] to b[i], and back. */
+static inline void f8_of_pairs(const int16_t *p, f8 *a, f8 *b) {
+    __m256i v = _mm256_loadu_si256((const __m256i *)p);
+    *a = _mm256_cvtepi32_ps(_mm256_srai_epi32(_mm256_slli_epi32(v, 16), 16));
+    *b = _mm256_cvtepi32_ps(_mm256_srai_epi32(v, 16));
+}
+static inline void f8_to_pairs(int16_t *p, f8 a, f8 b) {
+    __m256i low = _mm256_and_si256(_mm256_cvttps_epi32(a), _mm256_set1_epi32(0xffff));
+    __m256i high = _mm256_slli_epi32(_mm256_cvttps_epi32(b), 16);
+    _mm256_storeu_si256((__m256i *)p, _mm256_or_si256(low, high));
 }
 static inline float f8_most(f8 a) {
     __m128 m = _mm_max_ps(_mm256_castps256_ps128(a), _mm256_extractf128_ps(a, 1));
@@ -78,6 +95,16 @@ static inline f8 f8_if_less(f8 a, f8 b, f8 then, f8 other) {
 }
 static inline f8 f8_dot16(const int16_t *xy, const int16_t *z0, const int16_t p[4]) {
     F8_LANES((float)(xy[2 * i] * p[0] + xy[2 * i + 1] * p[1] + z0[2 * i] * p[2]));
+}
+static inline f8 f8_sqrt(f8 a) { F8_LANES(sqrtf(a.v[i])); }
+static inline void f8_to_int(int32_t *p, f8 a) {
+    for (int i = 0; i < 8; i++) p[i] = (int32_t)a.v[i];
+}
+static inline void f8_of_pairs(const int16_t *p, f8 *a, f8 *b) {
+    for (int i = 0; i < 8; i++) a->v[i] = p[2 * i], b->v[i] = p[2 * i + 1];
+}
+static inline void f8_to_pairs(int16_t *p, f8 a, f8 b) {
+    for (int i = 0; i < 8; i++) p[2 * i] = (int16_t)a.v[i], p[2 * i + 1] = (int16_t)b.v[i];
 }
 static inline float f8_most(f8 a) {
     float m = a.v[0];

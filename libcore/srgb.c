@@ -13,7 +13,6 @@ static void build(void) {
         table.unorm[i] = (float)i / 255;
         table.up[i] = i < 255 ? pbs_srgb_to_linear(((float)i + 0.5f) / 255) : INFINITY;
     }
-    table.up[256] = INFINITY;
     uint8_t code = 0;
     for (uint32_t i = 0; i < PBS_SRGB_OCTAVES * PBS_SRGB_STEPS; i++) {
         float v = ldexpf(1 + (float)(i % PBS_SRGB_STEPS) / PBS_SRGB_STEPS,

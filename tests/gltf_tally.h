@@ -52,7 +52,8 @@ static inline void tally_name(char out[64], const char *name) {
     snprintf(out, 64, "%s", name ? name : "-");
 }
 static inline tally_node *tally_add(tally *t, const char *name) {
-    t->nodes = realloc(t->nodes, (t->node_count + 1) * sizeof *t->nodes);
+    if ((t->node_count & (t->node_count - 1)) == 0)
+        t->nodes = realloc(t->nodes, (2 * (size_t)t->node_count + 1) * sizeof *t->nodes);
     tally_node *n = &t->nodes[t->node_count++];
     memset(n, 0, sizeof *n);
     tally_name(n->name, name);

@@ -27,10 +27,10 @@ static double spacing(const pbs_spacings *s, uint32_t i) {
 double pbs_cut_radius(const pbs_spacings *s, uint32_t prefix) {
     if (s->count == 0) return 0;
     if (prefix == 0) prefix = 1;
-    if (prefix < s->count) return spacing(s, prefix);
+    if (prefix < s->count) return spacing(s, prefix) + s->slack;
     /* Nothing is known about what lies between the surfels of the whole set; it was covered about
      * as well as the last surfel found it. */
-    return s->covering > 0 ? s->covering : spacing(s, s->count - 1);
+    return (s->covering > 0 ? s->covering : spacing(s, s->count - 1)) + s->slack;
 }
 
 uint32_t pbs_cut_prefix(const pbs_spacings *s, double radius) {
@@ -38,7 +38,7 @@ uint32_t pbs_cut_prefix(const pbs_spacings *s, double radius) {
     if (high == 0) return 0;
     while (low < high) {
         uint32_t mid = low + (high - low) / 2;
-        if (spacing(s, mid) <= radius)
+        if (spacing(s, mid) + s->slack <= radius)
             high = mid;
         else
             low = mid + 1;
@@ -62,30 +62,26 @@ double pbs_cut_depth(const pbs_camera *camera, double aspect, const pbs_box *box
 }
 
 double pbs_cut_stretch(const double m[12]) {
-    /* Power iteration on M^T M, started from its longest row; exact for a similarity. */
-    double a[9], v[3] = {0}, best = 0, scale = 0;
-    for (int i = 0; i < 9; i++) scale = fmax(scale, fabs(m[4 * (i / 3) + i % 3]));
+    /* Largest eigenvalue of A = M^T M, by the cosine formula for symmetric 3x3 matrices, scaled
+     * so that squares neither vanish nor overflow. */
+    double a[6], scale = 0;
+    for (int i = 0; i < 12; i++)
+        if (i % 4 < 3) scale = fmax(scale, fabs(m[i]));
     if (!(scale > 0) || !isfinite(scale)) return scale;
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++) {
-            a[3 * i + j] = 0;
-            for (int k = 0; k < 3; k++)
-                a[3 * i + j] += m[4 * k + i] / scale * (m[4 * k + j] / scale);
-        }
-    for (int i = 0; i < 3; i++) {
-        double length =
-            a[3 * i] * a[3 * i] + a[3 * i + 1] * a[3 * i + 1] + a[3 * i + 2] * a[3 * i + 2];
-        if (length > best) best = length, memcpy(v, a + 3 * i, sizeof v);
+    for (int i = 0; i < 6; i++) {
+        static const int row[6] = {0, 1, 2, 0, 0, 1}, column[6] = {0, 1, 2, 1, 2, 2};
+        a[i] = 0;
+        for (int k = 0; k < 3; k++)
+            a[i] += m[4 * k + row[i]] / scale * (m[4 * k + column[i]] / scale);
     }
-    double value = 0;
-    for (int step = 0; step < 24; step++) {
-        double w[3], length = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
-        for (int i = 0; i < 3; i++) w[i] = v[i] / length;
-        for (int i = 0; i < 3; i++)
-            v[i] = a[3 * i] * w[0] + a[3 * i + 1] * w[1] + a[3 * i + 2] * w[2];
-        value = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
-    }
-    return sqrt(value) * scale;
+    double mean = (a[0] + a[1] + a[2]) / 3, x = a[0] - mean, y = a[1] - mean, z = a[2] - mean;
+    double off = a[3] * a[3] + a[4] * a[4] + a[5] * a[5];
+    double spread = sqrt((x * x + y * y + z * z + 2 * off) / 6);
+    if (!(spread > 0)) return sqrt(mean) * scale;
+    double det = x * (y * z - a[5] * a[5]) - a[3] * (a[3] * z - a[5] * a[4]) +
+                 a[4] * (a[3] * a[5] - y * a[4]);
+    double c = fmin(1, fmax(-1, det / (2 * spread * spread * spread)));
+    return sqrt(mean + 2 * spread * cos(acos(c) / 3)) * scale;
 }
 
 double pbs_cut_wanted(const pbs_camera *camera, unsigned height, double depth, double pixels,

@@ -18,13 +18,17 @@ typedef struct pbs_spacings {
     uint32_t count;
     double unit;          /* length in the node's unit that the value 1 stands for */
     double covering;      /* covering radius of all surfels, node's unit; 0: not known */
+    double slack;         /* how far the surface can be from the candidates that spacings are
+                             measured on, about 0.7 pixels of the G-buffer; node's unit. Without
+                             it 1 in 5000 pixels is a pinhole, with it none (sphere, 50
+                             candidates a surfel); 5% more radius do as much there. */
 } pbs_spacings;
 
-/* Covering radius of the first `prefix` surfels, in the node's unit. The discs that close the
- * surface have this radius. A prefix of 0 counts as 1, more than all as all. */
+/* Covering radius of the first `prefix` surfels, and the slack, in the node's unit. The discs that
+ * close the surface have this radius. A prefix of 0 counts as 1, more than all as all. */
 double pbs_cut_radius(const pbs_spacings *s, uint32_t prefix);
 
-/* The shortest prefix whose covering radius is at most `radius`; all if there is none. */
+/* The shortest prefix whose pbs_cut_radius is at most `radius`; all if there is none. */
 uint32_t pbs_cut_prefix(const pbs_spacings *s, double radius);
 
 /* Depth, in view coordinates, that nothing of the box is nearer than which can be in the picture;

@@ -200,7 +200,8 @@ static void place_node(const pbs_canvas *c, const pbs_surfels *node) {
 }
 
 /* Returns the byte of the stream buffer where the bytes lie now. What was drawn from it before
- * keeps its own memory: the driver gives out a new one when the buffer starts again. */
+ * keeps its own memory: the driver gives out a new one when the buffer starts again. (llvmpipe does
+ * not, but it has run the vertex shaders by then. Fragment shaders must not read this buffer.) */
 static size_t upload(pbs_canvas *c, const void *bytes, size_t size) {
     if (size > STREAM - c->stream_at) {
         c->gl->NamedBufferData(c->stream, STREAM, NULL, GL_STREAM_DRAW);

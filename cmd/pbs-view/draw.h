@@ -59,7 +59,7 @@ typedef struct pbs_surfels {
     double m[12];        /* node to world; all 0: identity */
 } pbs_surfels;
 
-/* Bytes of a record with these channels, and of a channel's offset in it. */
+/* Bytes of a record with these channels. */
 uint32_t pbs_surfel_size(uint32_t channels);
 
 /* Discs are never smaller than about a pixel, so none vanishes. Errors: PBS_INTERNAL for a stride

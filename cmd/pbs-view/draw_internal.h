@@ -15,7 +15,7 @@ typedef struct material_run {
 } material_run;
 
 typedef struct mesh_painter {
-    GLuint program, vertices, indices, faces, array, white;
+    GLuint program, vertices, indices, array, white;
     GLuint sampler[9]; /* 3 * wrap_u + wrap_v */
     /* The mesh that is in the buffers now; valid during one call. */
     const pbs_mesh *uploaded;
@@ -23,8 +23,8 @@ typedef struct mesh_painter {
     size_t run_count, run_room;
     uint64_t *order;
     uint16_t *index;
-    float *face;
-    size_t order_room, index_room, face_room;
+    uint8_t *corner;
+    size_t order_room, index_room, corner_room;
 } mesh_painter;
 
 struct pbs_canvas {

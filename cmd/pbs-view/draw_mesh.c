@@ -2,6 +2,8 @@
 #include "cmd/pbs-view/draw_internal.h"
 #include <stdlib.h>
 
+enum { VERTEX_SIZE = 28 }; /* bytes of a vertex with all attributes */
+
 /* sRGB and linear versions of a texture are two for the GPU. */
 typedef struct textures {
     const pbs_meshes *scene;
@@ -15,7 +17,6 @@ void pbs_mesh_painter_init(pbs_canvas *c) {
     mesh_painter *p = &c->mesh;
     gl->CreateBuffers(1, &p->vertices);
     gl->CreateBuffers(1, &p->indices);
-    gl->CreateBuffers(1, &p->faces);
     gl->CreateVertexArrays(1, &p->array);
     for (GLuint i = 0; i < 4; i++) gl->VertexArrayAttribBinding(p->array, i, i);
     gl->VertexArrayAttribFormat(p->array, 0, 3, GL_FLOAT, GL_FALSE, 0);
@@ -41,14 +42,13 @@ void pbs_mesh_painter_free(pbs_canvas *c) {
     gl->DeleteProgram(p->program);
     gl->DeleteBuffers(1, &p->vertices);
     gl->DeleteBuffers(1, &p->indices);
-    gl->DeleteBuffers(1, &p->faces);
     gl->DeleteVertexArrays(1, &p->array);
     gl->DeleteTextures(1, &p->white);
     gl->DeleteSamplers(9, p->sampler);
     pbs_free(c->run, p->runs);
     pbs_free(c->run, p->order);
     pbs_free(c->run, p->index);
-    pbs_free(c->run, p->face);
+    pbs_free(c->run, p->corner);
 }
 
 static int levels(uint32_t w, uint32_t h) {
@@ -151,29 +151,44 @@ static pbs_code sort_triangles(pbs_canvas *c, const pbs_mesh *mesh, pbs_err *err
     return PBS_OK;
 }
 
-/* Face normals of the triangles in the order of `index`, 4 floats each. */
-static pbs_code face_normals(pbs_canvas *c, const pbs_mesh *mesh, const uint16_t *index,
-                             pbs_err *err) {
+static void face_normal(int16_t out[2], const float *a, const float *b, const float *c) {
+    double e[3], f[3], n[3];
+    float nf[3];
+    for (int k = 0; k < 3; k++) e[k] = (double)b[k] - a[k], f[k] = (double)c[k] - a[k];
+    for (int k = 0; k < 3; k++)
+        n[k] = e[(k + 1) % 3] * f[(k + 2) % 3] - e[(k + 2) % 3] * f[(k + 1) % 3];
+    double length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+    for (int k = 0; k < 3; k++) nf[k] = length > 0 ? (float)(n[k] / length) : 0;
+    pbs_oct_encode(out, nf);
+}
+
+/* *mesh without normals becomes one with a vertex for each corner, which has the face's normal: so
+ * the shader knows one kind of mesh. The arrays are scratch memory of the canvas. */
+static pbs_code split_corners(pbs_canvas *c, pbs_mesh *mesh, const uint16_t *index, pbs_err *err) {
     mesh_painter *p = &c->mesh;
-    pbs_code code = pbs_grow(c->run, &p->face, &p->face_room, 4 * (size_t)mesh->triangles,
-                             sizeof *p->face, "face normals", err);
-    for (size_t i = 0; i < mesh->triangles && !code; i++) {
-        const float *a = mesh->position + 3 * index[3 * i], *q[2];
-        double e[2][3], n[3], length = 0;
-        for (int j = 0; j < 2; j++) {
-            q[j] = mesh->position + 3 * index[3 * i + 1 + (size_t)j];
-            for (int k = 0; k < 3; k++) e[j][k] = (double)q[j][k] - a[k];
-        }
-        for (int k = 0; k < 3; k++) {
-            n[k] = e[0][(k + 1) % 3] * e[1][(k + 2) % 3] - e[0][(k + 2) % 3] * e[1][(k + 1) % 3];
-            length += n[k] * n[k];
-        }
-        length = sqrt(length);
-        for (int k = 0; k < 3; k++)
-            p->face[4 * i + (size_t)k] = length > 0 ? (float)(n[k] / length) : 0;
-        p->face[4 * i + 3] = 0;
+    size_t n = 3 * (size_t)mesh->triangles;
+    pbs_code code =
+        pbs_grow(c->run, &p->corner, &p->corner_room, n * VERTEX_SIZE, 1, "triangle corners", err);
+    if (code) return code;
+    float *position = (float *)p->corner, *uv = position + 3 * n;
+    int16_t *normal = (int16_t *)(uv + 2 * n);
+    uint8_t *colour = (uint8_t *)(normal + 2 * n);
+    for (size_t i = 0; i < n; i++) {
+        memcpy(position + 3 * i, mesh->position + 3 * index[i], 12);
+        if (mesh->uv) memcpy(uv + 2 * i, mesh->uv + 2 * index[i], 8);
+        if (mesh->colour) memcpy(colour + 4 * i, mesh->colour + 4 * index[i], 4);
+        if (i % 3 < 2) continue;
+        const float *corner = position + 3 * (i - 2);
+        face_normal(normal + 2 * i, corner, corner + 3, corner + 6);
+        memcpy(normal + 2 * i - 2, normal + 2 * i, 4);
+        memcpy(normal + 2 * i - 4, normal + 2 * i, 4);
     }
-    return code;
+    mesh->vertices = (uint32_t)n;
+    mesh->position = position;
+    mesh->normal = normal;
+    mesh->uv = mesh->uv ? uv : NULL;
+    mesh->colour = mesh->colour ? colour : NULL;
+    return PBS_OK;
 }
 
 /* One attribute into the vertex buffer at *at; an absent one is the constant (1, 1, 1, 1). */
@@ -196,8 +211,10 @@ static pbs_code upload_mesh(pbs_canvas *c, const pbs_mesh *mesh, pbs_err *err) {
     const pbs_gl *gl = c->gl;
     mesh_painter *p = &c->mesh;
     const uint16_t *index = mesh->index;
-    size_t n = mesh->triangles, v = mesh->vertices, at = 0;
+    pbs_mesh m = *mesh;
+    size_t at = 0;
     pbs_code code;
+    p->uploaded = NULL;
     p->run_count = 0;
     if (mesh->triangle_material) {
         code = sort_triangles(c, mesh, err);
@@ -206,16 +223,15 @@ static pbs_code upload_mesh(pbs_canvas *c, const pbs_mesh *mesh, pbs_err *err) {
         code = add_run(c, mesh->material, 0, err);
         if (!code) p->runs[0].count = mesh->triangles;
     }
-    if (!code && !mesh->normal) code = face_normals(c, mesh, index, err);
+    if (!code && !mesh->normal) code = split_corners(c, &m, index, err);
     if (code) return code;
-    gl->NamedBufferData(p->vertices, (GLsizeiptr)(28 * v), NULL, GL_STREAM_DRAW);
-    upload_attribute(c, 0, mesh->position, 12, v, &at);
-    upload_attribute(c, 1, mesh->normal, 4, v, &at);
-    upload_attribute(c, 2, mesh->uv, 8, v, &at);
-    upload_attribute(c, 3, mesh->colour, 4, v, &at);
-    gl->NamedBufferData(p->indices, (GLsizeiptr)(6 * n), index, GL_STREAM_DRAW);
-    gl->NamedBufferData(p->faces, mesh->normal ? 16 : (GLsizeiptr)(16 * n),
-                        mesh->normal ? NULL : p->face, GL_STREAM_DRAW);
+    gl->NamedBufferData(p->vertices, (GLsizeiptr)VERTEX_SIZE * m.vertices, NULL, GL_STREAM_DRAW);
+    upload_attribute(c, 0, m.position, 12, m.vertices, &at);
+    upload_attribute(c, 1, m.normal, 4, m.vertices, &at);
+    upload_attribute(c, 2, m.uv, 8, m.vertices, &at);
+    upload_attribute(c, 3, m.colour, 4, m.vertices, &at);
+    if (mesh->normal)
+        gl->NamedBufferData(p->indices, (GLsizeiptr)6 * m.triangles, index, GL_STREAM_DRAW);
     p->uploaded = mesh;
     return pbs_gl_check(gl, "mesh", err);
 }
@@ -232,14 +248,15 @@ static pbs_code draw_mesh(pbs_canvas *c, textures *t, const pbs_draw *draw, pbs_
     pbs_camera_place(view, &c->camera, draw->m);
     pbs_canvas_matrix(gl, gl->GetUniformLocation(p->program, "to_view"), 4, view, 1);
     pbs_canvas_normal_matrix(gl, gl->GetUniformLocation(p->program, "to_view_normal"), view);
-    GLint first_face = gl->GetUniformLocation(p->program, "first_face");
     for (size_t i = 0; i < p->run_count; i++) {
         const material_run *r = &p->runs[i];
+        GLint first = (GLint)(3 * r->first), count = (GLint)(3 * r->count);
         pbs_code code = set_material(c, t, r->material, err);
         if (code) return code;
-        gl->Uniform1i(first_face, draw->mesh->normal ? -1 : (GLint)r->first);
-        gl->DrawElements(GL_TRIANGLES, (GLsizei)(3 * r->count), GL_UNSIGNED_SHORT,
-                         (const char *)0 + 6 * (size_t)r->first);
+        if (draw->mesh->normal)
+            gl->DrawElements(GL_TRIANGLES, count, GL_UNSIGNED_SHORT, (const char *)0 + 2 * first);
+        else
+            gl->DrawArrays(GL_TRIANGLES, first, count);
     }
     return PBS_OK;
 }
@@ -253,7 +270,6 @@ pbs_code pbs_canvas_meshes(pbs_canvas *c, const pbs_meshes *scene, pbs_err *err)
     memset(t.made, 0, n * sizeof *t.made);
     pbs_canvas_view_uniforms(c, c->mesh.program);
     gl->BindVertexArray(c->mesh.array);
-    gl->BindBufferBase(GL_SHADER_STORAGE_BUFFER, 0, c->mesh.faces);
     c->mesh.uploaded = NULL;
     for (size_t i = 0; i < scene->draw_count && !code; i++) {
         code = pbs_run_check(c->run, err);

@@ -7,12 +7,12 @@ uniform mat4x3 to_view;
 uniform mat3 to_view_normal;
 uniform vec3 project; // x and y scale, near
 
-out vec3 where, smooth_normal;
+out vec3 where, normal;
 out vec2 uv;
 out vec4 tint;
 
 void main() {
-    smooth_normal = to_view_normal * normalize(octahedral_normal(octahedral));
+    normal = to_view_normal * normalize(octahedral_normal(octahedral));
     where = to_view * vec4(position, 1.0);
     uv = texture_place;
     tint = vec4(linear_from_srgb(vertex_colour.rgb), vertex_colour.a);

@@ -15,7 +15,7 @@ vec3 octahedral_normal(vec2 o) {
 }
 
 vec3 surroundings(float up) {
-    return mix(vec3(0.20, 0.19, 0.18), vec3(0.56, 0.58, 0.62), smoothstep(-1.0, 1.0, up));
+    return mix(vec3(0.17, 0.16, 0.15), vec3(0.44, 0.46, 0.49), smoothstep(-1.0, 1.0, up));
 }
 
 // A key light over the left shoulder, a weak fill from the right, the sky; all move with the
@@ -24,7 +24,7 @@ vec3 shade(vec3 p, vec3 n, vec3 albedo, float metallic, float roughness, vec3 em
     const vec3 key = vec3(-0.40, 0.58, 0.71), fill = vec3(0.77, -0.10, 0.63);
     vec3 v = -normalize(p);
     n = faceforward(n, p, n);
-    float lit = 0.62 * max(dot(n, key), 0.0) + 0.16 * max(dot(n, fill), 0.0);
+    float lit = 0.54 * max(dot(n, key), 0.0) + 0.14 * max(dot(n, fill), 0.0);
     vec3 diffuse = albedo * (1.0 - 0.75 * metallic) * (lit + surroundings(dot(n, sky)));
 
     // Blinn and Phong for the key light; what a rough surface mirrors is spread thin.

@@ -41,7 +41,8 @@ typedef struct cut {
 
 static pbs_spacings spacings_of(const pbs_archive *a, const pbs_node *n) {
     return (pbs_spacings){a->records[n->id] + pbs_record_at(&a->record, PBS_SPACING),
-                          a->record.stride, (uint32_t)n->records, 65535 * n->lattice, n->covering};
+                          a->record.stride, (uint32_t)n->records, 65535 * n->lattice, n->covering,
+                          0.7 * n->pixel};
 }
 
 /* With --prefix the discs close the surface whatever it costs in shape; without, they are as

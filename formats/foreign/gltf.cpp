@@ -233,7 +233,7 @@ void reader::read(const void *data, size_t size) {
     }
     counted memory(run_, (bytes_for_json + 1) * doc_.slim.size(), "the scene's JSON", err_);
     parse(model_, doc_, err_);
-    view_count_ = (int)model_.bufferViews.size() - 1;
+    view_count_ = (int)doc_.views;
     if (model_.asset.version.compare(0, 2, "2.") != 0)
         fail(err_, PBS_DATA, "glTF version %.20s is not supported, only 2",
              model_.asset.version.c_str());

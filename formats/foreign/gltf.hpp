@@ -60,7 +60,8 @@ struct image_entry {
 struct document {
     std::string_view json; /* of the whole file */
     bytes bin;             /* of a GLB */
-    std::string slim;      /* JSON for tinygltf: neither buffers nor images */
+    std::string slim;      /* JSON for tinygltf: no buffers, no images, nothing that nobody reads */
+    size_t views = 0, accessors = 0, nodes = 0, meshes = 0; /* their numbers */
     std::vector<buffer_entry> buffers;
     std::vector<image_entry> images;
 };

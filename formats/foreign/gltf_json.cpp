@@ -248,17 +248,20 @@ static std::string_view unquote(std::string_view text) {
     return text.substr(1, text.size() - 2);
 }
 
-static buffer_entry parse_buffer(std::string_view text, int i, pbs_err *err) {
+static buffer_entry parse_buffer(std::string_view object, int i, pbs_err *err) {
     buffer_entry b;
     bool sized = false;
-    bool object = each_member(text, err, [&](std::string_view key, std::string_view v) {
+    bool valid = each_member(object, err, [&](std::string_view key, std::string_view v) {
         if (key == "uri") b.uri = unquote(v), b.has_uri = true;
         if (key == "extensions" && v.find("meshopt_compression") != v.npos) b.fallback = true;
         if (key != "byteLength") return;
-        double d = strtod(std::string(v.substr(0, 64)).c_str(), nullptr);
-        if (d >= 0 && d < 9e15 && d == (double)(uint64_t)d) b.length = (uint64_t)d, sized = true;
+        std::string text(v.substr(0, 64));
+        char *end;
+        double d = strtod(text.c_str(), &end);
+        if (!*end && d >= 0 && d < 9e15 && d == (double)(uint64_t)d)
+            b.length = (uint64_t)d, sized = true;
     });
-    if (!object || !sized) fail(err, PBS_DATA, "buffer %d: no valid byteLength", i);
+    if (!valid || !sized) fail(err, PBS_DATA, "buffer %d: no valid byteLength", i);
     return b;
 }
 
@@ -274,38 +277,56 @@ static image_entry parse_image(std::string_view text, int i, pbs_err *err) {
     return e;
 }
 
-/* Copies the bufferViews with one more at the end; returns how many the file has. */
-static int copy_views(std::string &out, std::string_view text, pbs_err *err) {
-    int n = 0;
-    out += "\"bufferViews\":[";
-    each_element(text, err, [&](std::string_view v) {
-        (out += v) += ',';
-        n++;
-    });
-    out += "{\"buffer\":0,\"byteLength\":1}],";
-    return n;
+/* The members that we read; the others, like bounds and extras, are often most of the text. */
+static bool kept(std::string_view list, std::string_view key) {
+    static const char *const keys[][8] = {
+        {"bufferViews", "buffer", "byteOffset", "byteLength", "byteStride"},
+        {"accessors", "bufferView", "byteOffset", "componentType", "normalized", "count", "type",
+         "sparse"},
+        {"meshes", "name", "primitives"},
+        {"nodes", "name", "mesh", "children", "matrix", "translation", "rotation", "scale"}};
+    if (list == "nodes" && key == "extensions") return true;
+    for (const auto &row : keys)
+        for (int k = 1; list == row[0] && k < 8 && row[k]; k++)
+            if (key == row[k]) return true;
+    return false;
 }
 
-static void copy_accessors(std::string &out, std::string_view text, int views, pbs_err *err) {
-    int n = 0;
-    out += "\"accessors\":[";
-    each_element(text, err, [&](std::string_view v) {
-        bool has_view = false;
-        each_member(v, err, [&](std::string_view key, std::string_view number) {
-            int view = -1;
-            if (key != "bufferView") return;
-            has_view = true;
-            if (!to_int(number, &view) || view < 0 || view >= views)
-                fail(err, PBS_DATA, "accessor %d: bufferView %.*s, but there are %d", n,
-                     (int)(number.size() < 20 ? number.size() : 20), number.data(), views);
+/* The bufferView of accessor i; -1: none. */
+static int view_of(std::string_view number, size_t i, size_t views, pbs_err *err) {
+    int view = -1;
+    if (!to_int(number, &view) || view < 0 || (size_t)view >= views)
+        fail(err, PBS_DATA, "accessor %zu: bufferView %.*s, but there are %zu", i,
+             (int)(number.size() < 20 ? number.size() : 20), number.data(), views);
+    return view;
+}
+
+/* Copies an array of objects without the members that nobody reads; returns their number. */
+static size_t copy_list(std::string &out, std::string_view list, std::string_view text,
+                        size_t views, pbs_err *err) {
+    size_t n = 0;
+    bool accessors = list == "accessors";
+    auto member = [&](std::string_view key, std::string_view v) {
+        out.append("\"").append(key).append("\":").append(v).append(",");
+    };
+    out.append("\"").append(list).append("\":[");
+    each_element(text, err, [&](std::string_view object) {
+        int view = -1;
+        out += '{';
+        bool valid = each_member(object, err, [&](std::string_view key, std::string_view v) {
+            if (kept(list, key)) member(key, v);
+            if (accessors && key == "bufferView") view = view_of(v, n, views, err);
         });
-        if (n++) out += ',';
-        bool empty = v.find_first_not_of(" \t\r\n", 1) == v.size() - 1;
-        if (has_view || empty || v[0] != '{') out += v;
-        else out.append("{\"bufferView\":").append(std::to_string(views)).append(",").append(
-            v.substr(1));
+        if (!valid) fail(err, PBS_DATA, "%.20s %zu is not an object", list.data(), n);
+        if (accessors && view < 0) member("bufferView", std::to_string(views));
+        if (out.back() == ',') out.pop_back();
+        out += "},";
+        n++;
     });
+    if (list == "bufferViews") out += "{\"buffer\":0,\"byteLength\":1},";
+    if (out.back() == ',') out.pop_back();
     out += "],";
+    return n;
 }
 
 /* tinygltf's parser refuses a text with one byte of Latin-1 in a name, and CAD exporters write
@@ -352,27 +373,31 @@ static void mend_numbers(std::string &s) {
 
 /* The members of the whole that are copied as they are. */
 static bool wanted(std::string_view key) {
-    static const char *const keys[] = {"asset",     "extensionsUsed", "extensionsRequired",
-                                       "meshes",    "nodes",          "scenes",
-                                       "scene",     "materials",      "textures",
-                                       "samplers",  "animations"};
+    static const char *const keys[] = {"asset",  "extensionsUsed", "extensionsRequired",
+                                       "scenes", "scene",          "materials",
+                                       "textures", "samplers",     "animations"};
     for (const char *k : keys)
         if (key == k) return true;
     return false;
 }
 
 void split_json(document &doc, pbs_err *err) {
-    std::string_view views, accessors, buffers, images;
+    std::string_view views, accessors, buffers, images, nodes, meshes;
+    const struct {
+        const char *key;
+        std::string_view *text;
+    } lists[] = {{"bufferViews", &views}, {"accessors", &accessors}, {"buffers", &buffers},
+                 {"images", &images},     {"nodes", &nodes},         {"meshes", &meshes}};
     doc.slim = "{";
     each_member(doc.json, err, [&](std::string_view key, std::string_view v) {
-        if (key == "bufferViews") views = v;
-        else if (key == "accessors") accessors = v;
-        else if (key == "buffers") buffers = v;
-        else if (key == "images") images = v;
-        else if (wanted(key)) doc.slim.append("\"").append(key).append("\":").append(v).append(",");
+        for (const auto &l : lists)
+            if (key == l.key) *l.text = v;
+        if (wanted(key)) doc.slim.append("\"").append(key).append("\":").append(v).append(",");
     });
-    int n = copy_views(doc.slim, views, err);
-    copy_accessors(doc.slim, accessors, n, err);
+    doc.views = copy_list(doc.slim, "bufferViews", views, 0, err);
+    doc.accessors = copy_list(doc.slim, "accessors", accessors, doc.views, err);
+    doc.nodes = copy_list(doc.slim, "nodes", nodes, 0, err);
+    doc.meshes = copy_list(doc.slim, "meshes", meshes, 0, err);
     doc.slim.back() = '}';
     mend_utf8(doc.slim);
     mend_numbers(doc.slim);

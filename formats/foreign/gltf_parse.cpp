@@ -30,6 +30,11 @@ static std::string first_line(const std::string &text) {
 void parse(tinygltf::Model &model, const document &doc, pbs_err *err) {
     std::string problem, warning;
     if (doc.slim.size() > UINT_MAX) fail(err, PBS_DATA, "more than 4 GiB of JSON");
+    /* It clears these, which keeps their room, and then adds one by one. */
+    model.bufferViews.reserve(doc.views + 1);
+    model.accessors.reserve(doc.accessors);
+    model.nodes.reserve(doc.nodes);
+    model.meshes.reserve(doc.meshes);
     tinygltf::TinyGLTF loader;
     bool good = loader.LoadASCIIFromString(&model, &problem, &warning, doc.slim.data(),
                                            (unsigned)doc.slim.size(), "",

@@ -78,7 +78,9 @@ static void decode_all(pbs_run *run, const void *data, size_t size, pbs_image *o
     OIIO::ImageSpec config;
     /* Colours as stored: the library would multiply them by alpha. */
     config.attribute("oiio:UnassociatedAlpha", 1);
-    auto in = OIIO::ImageInput::open(std::string("memory.") + kind, &config, &io);
+    OIIO::Filesystem::IOProxy *proxy = &io;
+    config.attribute("oiio:ioproxy", OIIO::TypeDesc::PTR, &proxy);
+    auto in = OIIO::ImageInput::open(std::string("memory.") + kind, &config, proxy);
     if (!in) fail(err, PBS_DATA, "%s", last_error().c_str());
     OIIO::ImageSpec spec = in->spec();
     check_size(spec, err);
