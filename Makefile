@@ -44,14 +44,14 @@ have = $(shell printf '$(foreach h,$(1),\#include <$(h)>\n)' | $(CXX) $(2) -E -x
 flags_gltf  :=
 libs_gltf   := -ldraco
 flags_image := -isystem /usr/include/Imath
-libs_image  := -lOpenImageIO -lOpenImageIO_Util
+libs_image  := -lOpenImageIO -lOpenImageIO_Util -lz
 flags_exr   := -I/usr/include/OpenEXR -I/usr/include/Imath
 libs_exr    := -lOpenEXRCore
 modules :=
 ifeq ($(call have,tiny_gltf.h draco/compression/decode.h nlohmann/json.hpp,$(flags_gltf)),yes)
 modules += gltf
 endif
-ifeq ($(call have,OpenImageIO/imageio.h,$(flags_image)),yes)
+ifeq ($(call have,OpenImageIO/imageio.h zlib.h,$(flags_image)),yes)
 modules += image
 endif
 ifeq ($(call have,openexr.h,$(flags_exr)),yes)

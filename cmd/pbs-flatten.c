@@ -30,7 +30,7 @@ typedef struct job {
     size_t entry_count, entry_cap;
     pbs_record out;
     pbs_writer *w;
-    uint64_t surfels;
+    uint64_t surfels, others; /* chunks of tags that this program does not know */
     double error, bound; /* largest error of a position; what is promised */
 } job;
 
@@ -97,7 +97,10 @@ static pbs_code take_input(job *j, size_t i, pbs_err *err) {
             if (!chunks++) first = k;
             continue;
         }
-        if (c->tag != PBS_TAG_NODE) continue;
+        if (c->tag != PBS_TAG_NODE) {
+            j->others++;
+            continue;
+        }
         pbs_code rc = add_node(j, i, c, first, chunks, err);
         if (rc) return rc;
         chunks = 0;
@@ -212,7 +215,7 @@ static char *history_of(const job *j) {
 }
 
 static pbs_code open_writer(job *j, pbs_err *err) {
-    uint64_t chunks = j->entry_count;
+    uint64_t chunks = j->entry_count + j->others;
     for (size_t i = 0; i < j->entry_count; i++)
         if (j->entries[i].chunks)
             chunks += pbs_points_chunks(j->entries[i].node.records, PBS_ARCHIVE_CHUNK);
@@ -231,6 +234,20 @@ static pbs_code open_writer(job *j, pbs_err *err) {
     return rc;
 }
 
+/* What this program does not know it passes on. */
+static pbs_code write_others(job *j, const input *in, pbs_err *err) {
+    pbs_code rc = PBS_OK;
+    for (size_t i = 0; i < in->entry_count && !rc; i++) {
+        pbs_chunk c;
+        if (in->entries[i].tag == PBS_TAG_NODE || in->entries[i].tag == PBS_TAG_POINTS) continue;
+        rc = pbs_reader_at(in->reader, &in->entries[i], &c, err);
+        pbs_piece piece = {c.payload, (size_t)c.bytes};
+        if (c.node != PBS_NONE) c.node += in->first_node;
+        if (!rc) rc = pbs_writer_chunk(j->w, &c, &piece, 1, err);
+    }
+    return rc;
+}
+
 /* Nodes first, then points from the root down: coarse first. */
 static pbs_code write_archive(job *j, pbs_err *err) {
     pbs_code rc = open_writer(j, err);
@@ -240,6 +257,7 @@ static pbs_code write_archive(job *j, pbs_err *err) {
         pbs_run_progress(&j->app->run, "writing", j->entry_count - i, j->entry_count);
         rc = write_points(j, &j->entries[i], err);
     }
+    for (size_t i = 0; i < j->input_count && !rc; i++) rc = write_others(j, &j->inputs[i], err);
     return rc ? rc : pbs_writer_commit(j->w, err);
 }
 

@@ -35,14 +35,15 @@ static void print_quoted(const char *s, size_t n) {
     for (size_t i = 0; i < n; i++) {
         unsigned char c = (unsigned char)s[i];
         if (c == '"' || c == '\\') printf("\\%c", c);
-        else if (c < 0x20) printf("\\u%04x", c);
+        else if (c < 0x20 || c == 0x7f) printf("\\u%04x", c);
         else putchar(c);
     }
     putchar('"');
 }
 
-static void print_name(const char *s) {
-    for (; *s; s++) putchar((unsigned char)*s < 0x20 ? '?' : *s);
+/* What a file says must not steer the terminal. */
+static void print_clean(const char *s) {
+    for (; *s; s++) putchar(((unsigned char)*s < 0x20 && *s != '\n') || *s == 0x7f ? '?' : *s);
 }
 
 static void print_header(const printer *p) {
@@ -50,8 +51,12 @@ static void print_header(const printer *p) {
     const char *kind = pbs_kind_name[pbs_reader_kind(p->r)];
     if (!p->o->json) {
         printf("%s: %s\n", pbs_reader_name(p->r), kind);
-        if (*channels) printf("channels %s\n", channels);
-        fputs(history, stdout);
+        if (*channels) {
+            printf("channels ");
+            print_clean(channels);
+            printf("\n");
+        }
+        print_clean(history);
         return;
     }
     printf("{\"file\": ");
@@ -106,7 +111,7 @@ static void print_node(const printer *p, const pbs_node *n) {
            n->records, n->covering);
     print_box(&n->box);
     printf("  ");
-    print_name(n->name);
+    print_clean(n->name);
     printf("\n");
 }
 

@@ -60,18 +60,24 @@ static void clear_progress(pbs_app *app) {
 
 /* ---- limits ---- */
 
-static uint64_t from_environment(const char *name, pbs_option_type type) {
+static pbs_code from_environment(const char *name, pbs_option_type type, uint64_t *out,
+                                 pbs_err *err) {
     const char *s = getenv(name);
     double v;
-    return s && !pbs_cli_number(s, type, &v, NULL) ? (uint64_t)v : 0;
+    if (*out || !s || !*s) return PBS_OK; /* the command line comes first */
+    pbs_code rc = pbs_cli_number(s, type, &v, err);
+    if (rc) return pbs_fail_in(err, "%s", name);
+    *out = (uint64_t)v;
+    return PBS_OK;
 }
 
 static pbs_code set_limits(pbs_app *app, pbs_err *err) {
     long cpus = sysconf(_SC_NPROCESSORS_ONLN);
     uint64_t j = app->common.threads, m = app->common.memory;
-    if (!j) j = from_environment("PBS_THREADS", PBS_COUNT);
+    pbs_code rc = from_environment("PBS_THREADS", PBS_COUNT, &j, err);
+    if (!rc) rc = from_environment("PBS_MEMORY", PBS_BYTES, &m, err);
+    if (rc) return rc;
     if (!j) j = cpus > 0 ? (uint64_t)cpus : 1;
-    if (!m) m = from_environment("PBS_MEMORY", PBS_BYTES);
     if (!m) m = (uint64_t)sysconf(_SC_PHYS_PAGES) * (uint64_t)sysconf(_SC_PAGESIZE) / 2;
     app->run = (pbs_run){.threads = j > 256 ? 256 : (int)j, .mem_limit = m, .cancel = &cancelled};
     if (isatty(2) && !app->common.quiet) {

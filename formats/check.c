@@ -2,6 +2,7 @@
 #include "formats/meshbuild.h"
 #include "formats/node.h"
 #include "formats/points.h"
+#include "formats/scene.h"
 #include <string.h>
 
 typedef struct node_state {
@@ -20,6 +21,7 @@ typedef struct state {
     size_t entry_count;
     node_state *nodes;
     size_t cap;
+    uint32_t textures, materials; /* so far */
     pbs_checked *out;
 } state;
 
@@ -86,12 +88,12 @@ static pbs_code check_node(state *s, const pbs_chunk *c, pbs_err *err) {
     pbs_code rc = pbs_node_read(s->run, s->name, c, (uint32_t)s->out->nodes, &n, err);
     if (!rc) rc = room_for_node(s, n.id, err);
     if (!rc) {
-        node_state *state = &s->nodes[n.id];
+        node_state *known = &s->nodes[n.id];
         s->out->nodes++;
-        state->promised = n.records;
-        memcpy(state->lattice.min, n.lattice_min, sizeof n.lattice_min);
-        state->lattice.step = n.lattice;
-        if (!s->archive && state->records != n.records)
+        known->promised = n.records;
+        memcpy(known->lattice.min, n.lattice_min, sizeof n.lattice_min);
+        known->lattice.step = n.lattice;
+        if (!s->archive && known->records != n.records)
             rc = bad(s, c, "has not as many records as it says", err);
     }
     pbs_node_free(s->run, &n);
@@ -102,7 +104,20 @@ static pbs_code check_mesh(state *s, const pbs_chunk *c, pbs_err *err) {
     pbs_mesh m;
     s->nodes[c->node].records += c->count;
     s->out->records += c->count;
-    return pbs_mesh_parse(s->name, c, &m, err);
+    pbs_code rc = pbs_mesh_parse(s->name, c, &m, err);
+    if (!rc && !pbs_mesh_materials_fit(&m, s->materials)) rc = bad(s, c, "there is no such material", err);
+    return rc;
+}
+
+static pbs_code check_material(state *s, const pbs_chunk *c, pbs_err *err) {
+    pbs_material m;
+    bool ok = c->node == s->materials++ && pbs_material_parse(c, s->textures, &m);
+    return ok ? PBS_OK : bad(s, c, "is not a material", err);
+}
+
+static pbs_code check_texture(state *s, const pbs_chunk *c, pbs_err *err) {
+    bool ok = c->node == s->textures++ && pbs_texture_parse(c);
+    return ok ? PBS_OK : bad(s, c, "is not a texture", err);
 }
 
 static pbs_code check_chunk(state *s, const pbs_chunk *c, pbs_err *err) {
@@ -118,6 +133,8 @@ static pbs_code check_chunk(state *s, const pbs_chunk *c, pbs_err *err) {
     if (c->tag == PBS_TAG_NODE) return check_node(s, c, err);
     if (c->tag == PBS_TAG_POINTS) return check_points(s, c, err);
     if (c->tag == PBS_TAG_MESH) return check_mesh(s, c, err);
+    if (c->tag == PBS_TAG_MATERIAL) return check_material(s, c, err);
+    if (c->tag == PBS_TAG_TEXTURE) return check_texture(s, c, err);
     return PBS_OK;
 }
 

@@ -574,7 +574,7 @@ static pbs_code check_header(const ply *y, pbs_err *err) {
     if (faces && !vertices) return pbs_fail(err, PBS_DATA, "has faces, but no vertices");
     if (!faces && vertices)
         return pbs_fail(err, PBS_DATA,
-                        "has no faces; pbs-flatten takes its %llu vertices as a point cloud",
+                        "has no faces, only %llu vertices: a point cloud has no triangles",
                         (unsigned long long)vertices);
     return faces ? PBS_OK : pbs_fail(err, PBS_DATA, "has no faces and no vertices");
 }

@@ -139,6 +139,17 @@ static pbs_code read_header(pbs_reader *r, pbs_err *err) {
     return rc;
 }
 
+static pbs_code wrong_kind(const pbs_reader *r, uint32_t kinds, pbs_err *err) {
+    char wanted[100] = "";
+    for (int k = 0; k < PBS_KINDS; k++) {
+        size_t n = strlen(wanted);
+        if (kinds & PBS_KIND(k))
+            snprintf(wanted + n, sizeof wanted - n, "%s%s", n ? " or " : "", pbs_kind_name[k]);
+    }
+    return pbs_fail(err, PBS_DATA, "%s: is a file of kind %s where %s is wanted", r->in.name,
+                    pbs_kind_name[r->kind], wanted);
+}
+
 pbs_code pbs_reader_open(pbs_run *run, pbs_input *in, uint32_t kinds, pbs_reader **out,
                          pbs_err *err) {
     pbs_reader *r = *out = calloc(1, sizeof *r);
@@ -151,9 +162,7 @@ pbs_code pbs_reader_open(pbs_run *run, pbs_input *in, uint32_t kinds, pbs_reader
     memset(in, 0, sizeof *in);
     in->fd = -1;
     pbs_code rc = read_header(r, err);
-    if (!rc && !(kinds & PBS_KIND(r->kind)))
-        rc = pbs_fail(err, PBS_DATA, "%s: holds %s, which is not what this program reads",
-                      r->in.name, pbs_kind_name[r->kind]);
+    if (!rc && !(kinds & PBS_KIND(r->kind))) rc = wrong_kind(r, kinds, err);
     if (!rc) return PBS_OK;
     pbs_reader_close(r);
     *out = NULL;

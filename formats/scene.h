@@ -96,6 +96,12 @@ pbs_code pbs_scene_flatten(const pbs_scene *s, pbs_flat *out, pbs_err *err);
 pbs_code pbs_scene_images(const pbs_scene *s, pbs_image **out, pbs_err *err);
 void pbs_images_free(pbs_run *run, pbs_image *images, size_t count);
 
+/* What a MATL or TEXR chunk says; false if it is damaged. textures, materials: how many there are.
+ * The name is not filled in. */
+bool pbs_material_parse(const pbs_chunk *c, size_t textures, pbs_material *out);
+bool pbs_texture_parse(const pbs_chunk *c);
+bool pbs_mesh_materials_fit(const pbs_mesh *m, size_t materials);
+
 /* The words for pbs_skip: "triangles with NaN or infinite corners". */
 extern const char *const pbs_skip_text[PBS_SKIP_KINDS];
 #endif

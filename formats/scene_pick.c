@@ -23,13 +23,13 @@ static bool is_json(const uint8_t *b, size_t n) {
 static const struct {
     const char *magic, *ending, *what;
 } refused[] = {
-    {"LASF", ".las", "a point cloud has no triangles"},
-    {"ASTM-E57", ".e57", "E57 is not read: convert it to LAS or PLY (e57unpack, CloudCompare)"},
+    {"LASF", ".las", "a point cloud (LAS) has no triangles"},
+    {"ASTM-E57", ".e57", "a point cloud (E57) has no triangles"},
     {"ISO-10303-21", ".step", "STEP is not read: export glTF from the CAD program (or FreeCAD)"},
     {"ISO-10303-21", ".stp", "STEP is not read: export glTF from the CAD program (or FreeCAD)"},
     {"Kaydara FBX", ".fbx", "FBX is not read: export glTF (Blender does)"},
     {"DRACO", ".drc", "bare Draco is not read: put it into glTF with KHR_draco_mesh_compression"},
-    {NULL, ".laz", "LAZ is not read: unpack it to LAS (laszip, pdal)"},
+    {NULL, ".laz", "a point cloud (LAZ) has no triangles"},
     {NULL, ".igs", "IGES is not read: export glTF from the CAD program (or FreeCAD)"},
     {NULL, ".dae", "COLLADA is not read: export glTF (Blender does)"},
 };

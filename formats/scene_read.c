@@ -25,10 +25,14 @@ static pbs_code copy_name(pbs_run *run, const void *bytes, size_t n, const char 
     return PBS_OK;
 }
 
+bool pbs_texture_parse(const pbs_chunk *c) {
+    const uint8_t *p = c->payload;
+    return c->bytes >= TEXTURE_FIXED && pbs_get_u32(p) <= c->bytes - TEXTURE_FIXED;
+}
+
 static pbs_code add_texture(pbs_scene *s, caps *cap, const pbs_chunk *c, pbs_err *err) {
     const uint8_t *p = c->payload;
-    if (c->node != s->texture_count || c->bytes < TEXTURE_FIXED ||
-        pbs_get_u32(p) > c->bytes - TEXTURE_FIXED)
+    if (c->node != s->texture_count || !pbs_texture_parse(c))
         return damaged(s, "texture", c->node, err);
     pbs_code rc = pbs_grow(s->run, &s->textures, &cap->textures, s->texture_count + 1,
                            sizeof *s->textures, "the textures", err);
@@ -50,46 +54,47 @@ static bool get_floats(const uint8_t *p, float *v, int n) {
     return ok;
 }
 
-static bool get_use(const pbs_scene *s, const uint8_t *p, pbs_texture_use *u) {
+static bool get_use(const uint8_t *p, size_t textures, pbs_texture_use *u) {
     u->texture = pbs_get_u32(p);
     u->wrap_u = p[4];
     u->wrap_v = p[5];
     return get_floats(p + 8, u->transform, 6) && u->wrap_u < 3 && u->wrap_v < 3 &&
-           (u->texture == PBS_NONE || u->texture < s->texture_count);
+           (u->texture == PBS_NONE || u->texture < textures);
 }
 
-static bool get_material(const pbs_scene *s, const uint8_t *p, pbs_material *m) {
+bool pbs_material_parse(const pbs_chunk *c, size_t textures, pbs_material *m) {
+    const uint8_t *p = c->payload;
+    *m = PBS_MATERIAL_DEFAULT;
+    if (c->bytes < MATERIAL_FIXED || pbs_get_u32(p + MATERIAL_NAME_AT) != c->bytes - MATERIAL_FIXED)
+        return false;
     bool ok = get_floats(p, m->base, 4) & get_floats(p + 16, m->emissive, 3) &
               get_floats(p + 28, &m->metallic, 1) & get_floats(p + 32, &m->roughness, 1) &
               get_floats(p + 36, &m->alpha_cutoff, 1);
     m->alpha = p[40];
     m->double_sided = p[41];
     const uint8_t *u = p + MATERIAL_USES_AT;
-    return ok && m->alpha <= PBS_ALPHA_BLEND && get_use(s, u, &m->base_texture) &&
-           get_use(s, u + USE_FIXED, &m->material_texture) &&
-           get_use(s, u + 2 * USE_FIXED, &m->emissive_texture);
+    return ok && m->alpha <= PBS_ALPHA_BLEND && get_use(u, textures, &m->base_texture) &&
+           get_use(u + USE_FIXED, textures, &m->material_texture) &&
+           get_use(u + 2 * USE_FIXED, textures, &m->emissive_texture);
 }
 
 static pbs_code add_material(pbs_scene *s, caps *cap, const pbs_chunk *c, pbs_err *err) {
     const uint8_t *p = c->payload;
-    if (c->node != s->material_count || c->bytes < MATERIAL_FIXED ||
-        pbs_get_u32(p + MATERIAL_NAME_AT) != c->bytes - MATERIAL_FIXED)
-        return damaged(s, "material", c->node, err);
+    if (c->node != s->material_count) return damaged(s, "material", c->node, err);
     pbs_code rc = pbs_grow(s->run, &s->materials, &cap->materials, s->material_count + 1,
                            sizeof *s->materials, "the materials", err);
     if (rc) return rc;
     pbs_material *m = &s->materials[s->material_count];
-    *m = PBS_MATERIAL_DEFAULT;
-    if (!get_material(s, p, m)) return damaged(s, "material", c->node, err);
+    if (!pbs_material_parse(c, s->texture_count, m)) return damaged(s, "material", c->node, err);
     rc = copy_name(s->run, p + MATERIAL_FIXED, (size_t)c->bytes - MATERIAL_FIXED, &m->name, err);
     s->material_count += !rc;
     return rc;
 }
 
-static bool materials_fit(const pbs_scene *s, const pbs_mesh *m) {
-    if (m->material != PBS_NONE && m->material >= s->material_count) return false;
+bool pbs_mesh_materials_fit(const pbs_mesh *m, size_t materials) {
+    if (m->material != PBS_NONE && m->material >= materials) return false;
     for (uint32_t i = 0; m->triangle_material && i < m->triangles; i++)
-        if (m->triangle_material[i] != PBS_NONE && m->triangle_material[i] >= s->material_count)
+        if (m->triangle_material[i] != PBS_NONE && m->triangle_material[i] >= materials)
             return false;
     return true;
 }
@@ -123,7 +128,7 @@ static pbs_code add_mesh(pbs_scene *s, caps *cap, const pbs_chunk *c, pbs_err *e
     pbs_mesh *m = &s->meshes[s->mesh_count];
     rc = pbs_mesh_parse(pbs_reader_name(s->reader), c, m, err);
     if (rc) return rc;
-    if (!materials_fit(s, m)) return damaged(s, "mesh of node", c->node, err);
+    if (!pbs_mesh_materials_fit(m, s->material_count)) return damaged(s, "mesh of node", c->node, err);
     note_channels(s, m);
     s->mesh_count++;
     return PBS_OK;

@@ -33,7 +33,7 @@ const char *const pbs_skip_text[PBS_SKIP_KINDS] = {
     "points",
     "line segments",
     "placings with NaN or infinite transforms",
-    "missing textures",
+    "missing textures or material libraries",
     "polygons with fewer than 3 corners"};
 
 static pbs_code put_texture(void *ctx, const char *name, const void *bytes, size_t size,

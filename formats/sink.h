@@ -45,7 +45,7 @@ typedef enum pbs_skip {
     PBS_SKIP_POINTS,     /* point primitives, by the reader */
     PBS_SKIP_LINES,      /* line segments, by the reader */
     PBS_SKIP_TRANSFORM,  /* placing with a NaN or infinite transform, by the sink */
-    PBS_SKIP_TEXTURE,    /* texture that is missing, where the user allowed it */
+    PBS_SKIP_TEXTURE,    /* texture or material library that is missing, where the user allowed it */
     PBS_SKIP_POLYGON,    /* polygon with fewer than 3 corners, by the reader */
     PBS_SKIP_KINDS
 } pbs_skip;

@@ -32,6 +32,11 @@ typedef struct rows {
     float *ssim;           /* one row of results */
 } rows;
 
+/* The colour bytes of BLOCK pixels. */
+#define COLOUR4  255, 255, 255, 0
+#define COLOUR16 COLOUR4, COLOUR4, COLOUR4, COLOUR4
+static const uint8_t COLOUR[4 * BLOCK] = {COLOUR16, COLOUR16, COLOUR16, COLOUR16};
+
 typedef struct totals {
     double ssim;
     uint64_t square, truth, picture, hole, spill;
@@ -123,25 +128,25 @@ static bool wide(void) {
 }
 #endif
 
-/* BLOCK pixels of both pictures, byte by byte: every fourth is alpha. */
+/* BLOCK pixels of both pictures. Covered: the top bit of alpha. */
 static inline void block_differences(totals *t, const uint8_t *a, const uint8_t *b) {
     enum { BYTES = 4 * BLOCK };
-    static const uint8_t colour[4] = {255, 255, 255, 0}, alpha[4] = {0, 0, 0, 1};
-    uint8_t d[BYTES];
-    unsigned square = 0, picture = 0, truth = 0, both = 0, max = 0;
+    int square = 0, picture = 0, truth = 0, both = 0;
+    uint8_t d[BYTES], max = 0;
     for (int i = 0; i < BYTES; i++) {
-        d[i] = (uint8_t)((a[i] > b[i] ? a[i] - b[i] : b[i] - a[i]) & colour[i % 4]);
-        square += (unsigned)d[i] * d[i];
+        uint8_t high = a[i] > b[i] ? a[i] : b[i], low = a[i] > b[i] ? b[i] : a[i];
+        d[i] = (uint8_t)(high - low) & COLOUR[i];
     }
     for (int i = 0; i < BYTES; i++) max = d[i] > max ? d[i] : max;
-    for (int i = 0; i < BYTES; i++) {
-        uint8_t p = a[i] >> 7 & alpha[i % 4], q = b[i] >> 7 & alpha[i % 4];
+    for (int i = 0; i < BYTES; i++) square += (int16_t)d[i] * (int16_t)d[i];
+    for (int i = 0; i < BLOCK; i++) {
+        int p = a[4 * i + 3] >> 7, q = b[4 * i + 3] >> 7;
         picture += p, truth += q, both += p & q;
     }
-    t->square += square;
+    t->square += (unsigned)square;
     t->max = max > t->max ? max : t->max;
-    t->truth += truth, t->picture += picture;
-    t->hole += truth - both, t->spill += picture - both;
+    t->truth += (unsigned)truth, t->picture += (unsigned)picture;
+    t->hole += (unsigned)(truth - both), t->spill += (unsigned)(picture - both);
 }
 
 static void row_differences(totals *t, const uint8_t *a, const uint8_t *b, size_t width) {

@@ -1,6 +1,7 @@
 /* metrics.h: how far a picture is from the truth.
  *
- * Pictures are 8-bit sRGB RGBA of equal size, rows top down; alpha is coverage (0: background).
+ * Pictures are 8-bit sRGB RGBA of equal size, rows top down; alpha is coverage (0: background). The
+ * colours are compared as stored; a pixel counts as covered from alpha 128.
  */
 #ifndef PBS_METRICS_H
 #define PBS_METRICS_H

@@ -22,7 +22,7 @@ static const pbs_option table[] = {
     {0, "camera", PBS_TEXT, offsetof(pbs_show_options, camera), "E,T[,U][,FOV]",
      "eye, target, up and field of view (default: all in view)", 0, 0, NULL, false},
     {0, "samples", PBS_COUNT, offsetof(pbs_show_options, samples), "N",
-     "samples a pixel (default 4, or what the device has)", 1, 64, NULL, false},
+     "samples a pixel, 1 to 4 (default 4, or what the device has)", 1, 4, NULL, false},
     {0, "device", PBS_TEXT, offsetof(pbs_show_options, device), "WHICH",
      "hw, sw or a number (default: hardware if there is any)", 0, 0, NULL, false},
     {0, "ignore-missing", PBS_FLAG, offsetof(pbs_show_options, ignore_missing), NULL,

@@ -6,6 +6,7 @@
 #include <cstring>
 #include <mutex>
 #include <string>
+#include <zlib.h>
 
 namespace pbs::image {
 
@@ -30,7 +31,7 @@ static const char *kind_of(const uint8_t *p, size_t n) {
         const char *bytes;
     };
     static const magic known[] = {
-        {"png", 0, 4, "\x89PNG"},       {"jpg", 0, 3, "\xff\xd8\xff"},
+        {"png", 0, 8, "\x89PNG\r\n\x1a\n"}, {"jpg", 0, 3, "\xff\xd8\xff"},
         {"webp", 8, 4, "WEBP"},         {"exr", 0, 4, "\x76\x2f\x31\x01"},
         {"gif", 0, 4, "GIF8"},          {"bmp", 0, 2, "BM"},
         {"tif", 0, 4, "II*\0"},         {"tif", 0, 4, "MM\0*"},
@@ -46,6 +47,24 @@ static const char *kind_of(const uint8_t *p, size_t n) {
     /* Targa has no mark at its begin; types 1 2 3 and their packed forms 9 10 11. */
     if (n > 18 && p[1] <= 1 && (p[2] & ~8) >= 1 && (p[2] & ~8) <= 3) return "tga";
     return nullptr;
+}
+
+static uint32_t be32(const uint8_t *p) {
+    return (uint32_t)p[0] << 24 | (uint32_t)p[1] << 16 | (uint32_t)p[2] << 8 | p[3];
+}
+
+/* On a damaged PNG libpng writes to stderr, and OpenImageIO leaks. Its chunks tell before whether
+ * it is whole: each has a checksum, and the last is IEND. */
+static void check_png(const uint8_t *p, size_t n, pbs_err *err) {
+    for (size_t at = 8; n - at >= 12;) {
+        size_t length = be32(p + at);
+        if (length > n - at - 12) break;
+        if (crc32(0, p + at + 4, (uInt)length + 4) != be32(p + at + 8 + length))
+            fail(err, PBS_DATA, "the PNG chunk at byte %zu is damaged", at);
+        if (!memcmp(p + at + 4, "IEND", 4)) return;
+        at += length + 12;
+    }
+    fail(err, PBS_DATA, "the PNG is cut off");
 }
 
 static std::string last_error() {
@@ -74,6 +93,7 @@ static void decode_all(pbs_run *run, const void *data, size_t size, pbs_image *o
     settle();
     const char *kind = kind_of((const uint8_t *)data, size);
     if (!kind) fail(err, PBS_DATA, "not an image of a known kind");
+    if (!strcmp(kind, "png")) check_png((const uint8_t *)data, size, err);
     OIIO::Filesystem::IOMemReader io((void *)data, size);
     OIIO::ImageSpec config;
     /* Colours as stored: the library would multiply them by alpha. */

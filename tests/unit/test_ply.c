@@ -321,7 +321,7 @@ TEST(errors_say_where) {
                      "line 11: vertex 1: \"zero\" is not a number"));
     CHECK(
         fails_text(THREE FACE1, "0 0 0\n1 0 0\n0 1 0\n3 0 1\n", "face 0: the file ends too early"));
-    CHECK(fails_text(THREE, "0 0 0\n1 0 0\n0 1 0\n", "pbs-flatten takes its 3 vertices"));
+    CHECK(fails_text(THREE, "0 0 0\n1 0 0\n0 1 0\n", "only 3 vertices"));
     CHECK(fails_text(THREE "element face 0\nproperty list uchar int vertex_indices\n", "0 0 0",
                      "no faces"));
     CHECK(fails_text(FACE1, "3 0 1 2", "no vertices"));
