@@ -78,6 +78,8 @@ pbs_code pbs_input_peek(pbs_input *in, const uint8_t **bytes, size_t *n, pbs_err
 
 pbs_code pbs_input_read(pbs_input *in, void *to, size_t n, size_t *got, pbs_err *err) {
     size_t head = in->ahead_size - in->ahead_used, rest;
+    *got = 0;
+    if (!n) return PBS_OK;
     if (head > n) head = n;
     if (head) memcpy(to, in->ahead + in->ahead_used, head);
     in->ahead_used += head;

@@ -20,7 +20,9 @@ typedef struct header {
     size_t pixels; /* where they begin */
 } header;
 
-static bool is_space(uint8_t c) { return c == ' ' || (c >= '\t' && c <= '\r'); }
+static bool is_space(uint8_t c) {
+    return c == ' ' || (c >= '\t' && c <= '\r');
+}
 
 /* The next word of a header; '#' begins a comment up to the end of the line. */
 static size_t word(const uint8_t *p, size_t n, size_t at, char out[16]) {
@@ -57,10 +59,14 @@ static bool parse_pam(const uint8_t *p, size_t n, header *h) {
             h->pixels = at + 1;
             return at < n;
         }
-        if (!strcmp(key, "WIDTH")) at = number(p, n, at, &h->width);
-        else if (!strcmp(key, "HEIGHT")) at = number(p, n, at, &h->height);
-        else if (!strcmp(key, "DEPTH")) at = number(p, n, at, &h->depth);
-        else if (!strcmp(key, "MAXVAL")) at = number(p, n, at, &h->maxval);
+        if (!strcmp(key, "WIDTH"))
+            at = number(p, n, at, &h->width);
+        else if (!strcmp(key, "HEIGHT"))
+            at = number(p, n, at, &h->height);
+        else if (!strcmp(key, "DEPTH"))
+            at = number(p, n, at, &h->depth);
+        else if (!strcmp(key, "MAXVAL"))
+            at = number(p, n, at, &h->maxval);
         else
             while (at < n && p[at] != '\n') at++;
     }
@@ -144,15 +150,15 @@ static bool write_ppm(FILE *f, const pbs_image *image, bool alpha) {
     if (alpha)
         fprintf(f, "P7\nWIDTH %u\nHEIGHT %u\nDEPTH 4\nMAXVAL 255\nTUPLTYPE RGB_ALPHA\nENDHDR\n",
                 image->width, image->height);
-    else fprintf(f, "P6\n%u %u\n255\n", image->width, image->height);
+    else
+        fprintf(f, "P6\n%u %u\n255\n", image->width, image->height);
     size_t pixels = (size_t)image->width * image->height;
     for (size_t i = 0; i < pixels; i++)
         if (fwrite(image->rgba + 4 * i, 1, alpha ? 4 : 3, f) != (alpha ? 4 : 3)) return false;
     return true;
 }
 
-static pbs_code write_pnm_file(const char *path, const pbs_image *image, bool alpha,
-                               pbs_err *err) {
+static pbs_code write_pnm_file(const char *path, const pbs_image *image, bool alpha, pbs_err *err) {
     FILE *f = fopen(path, "wb");
     if (!f) return pbs_fail_errno(err, "cannot be written");
     bool good = write_ppm(f, image, alpha);

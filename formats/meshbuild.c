@@ -24,7 +24,7 @@ struct pbs_builder {
     pbs_box box;
     uint64_t part_triangles, skipped[PBS_SKIP_KINDS];
     uint32_t vertices, triangles;
-    bool mixed, has_normal; /* materials differ; any corner had a normal */
+    bool mixed, has_normal; /* materials differ; any corner had a usable normal */
     uint32_t generation;
     uint32_t *slot;       /* vertex + 1 */
     uint32_t *slot_stamp; /* generation in which slot is valid: clearing costs nothing */
@@ -97,7 +97,7 @@ static uint8_t *put_vertices(const pbs_builder *b, uint8_t *p, uint32_t arrays) 
 
 static pbs_code emit(pbs_builder *b, pbs_err *err) {
     if (!b->triangles) return PBS_OK;
-    uint32_t arrays = (b->corners & PBS_CORNER_NORMAL && b->has_normal ? HAS_NORMAL : 0u) |
+    uint32_t arrays = (b->has_normal ? HAS_NORMAL : 0u) |
                       (b->corners & PBS_CORNER_UV ? HAS_UV : 0u) |
                       (b->corners & PBS_CORNER_COLOUR ? HAS_COLOUR : 0u) |
                       (b->mixed ? HAS_MATERIAL : 0u);
@@ -146,24 +146,40 @@ static uint16_t weld(pbs_builder *b, const vertex *v) {
     return (uint16_t)b->vertices++;
 }
 
+/* A direction without its length, which may be too large or small to be squared in float. */
+static bool get_direction(const double v[3], float out[3]) {
+    double s = 0;
+    for (int k = 0; k < 3; k++) {
+        if (!isfinite(v[k])) return false;
+        s = fmax(s, fabs(v[k]));
+    }
+    for (int k = 0; k < 3 && s > 0; k++) out[k] = (float)(v[k] / s);
+    return s > 0;
+}
+
+static void face_normal(const pbs_corner c[3], float out[3]) {
+    double a[3], d[3], cross[3];
+    for (int k = 0; k < 3; k++) {
+        a[k] = c[1].position[k] - c[0].position[k];
+        d[k] = c[2].position[k] - c[0].position[k];
+    }
+    for (int k = 0; k < 3; k++)
+        cross[k] = a[(k + 1) % 3] * d[(k + 2) % 3] - a[(k + 2) % 3] * d[(k + 1) % 3];
+    if (!get_direction(cross, out)) out[0] = out[1] = out[2] = 0;
+}
+
 /* A corner without a usable normal gets the triangle's. */
-static void corner_normal(vertex v[3], const pbs_corner c[3]) {
-    float face[3], a[3], d[3];
+static void corner_normal(pbs_builder *b, vertex v[3], const pbs_corner c[3]) {
+    float face[3], own[3];
     bool have_face = false;
     for (int i = 0; i < 3; i++) {
-        const float *n = c[i].normal;
-        float l = n[0] * n[0] + n[1] * n[1] + n[2] * n[2];
-        if (l > 0 && l < INFINITY) {
-            pbs_oct_encode(v[i].normal, n);
+        const double n[3] = {c[i].normal[0], c[i].normal[1], c[i].normal[2]};
+        if (get_direction(n, own)) {
+            pbs_oct_encode(v[i].normal, own);
+            b->has_normal = true;
             continue;
         }
-        for (int k = 0; k < 3 && !have_face; k++) {
-            a[k] = (float)(c[1].position[k] - c[0].position[k]);
-            d[k] = (float)(c[2].position[k] - c[0].position[k]);
-        }
-        if (!have_face)
-            for (int k = 0; k < 3; k++)
-                face[k] = a[(k + 1) % 3] * d[(k + 2) % 3] - a[(k + 2) % 3] * d[(k + 1) % 3];
+        if (!have_face) face_normal(c, face);
         have_face = true;
         pbs_oct_encode(v[i].normal, face);
     }
@@ -180,22 +196,51 @@ static bool corner_positions(const pbs_builder *b, vertex v[3], const pbs_corner
     return true;
 }
 
-/* Exactly no area: two equal corners, or three on a line along which the products are exact. A
- * needle that has any area stays. */
+/* Whether six numbers add up to exactly nothing: an expansion whose parts do not overlap
+ * (Shewchuk 1997) is zero only if each part is. */
+static bool is_zero_sum(const double t[6]) {
+    double e[6];
+    bool zero = true;
+    for (int i = 0; i < 6; i++) {
+        double q = t[i];
+        for (int k = 0; k < i; k++) {
+            double sum = q + e[k], part = sum - q;
+            e[k] = (q - (sum - part)) + (e[k] - part);
+            q = sum;
+        }
+        e[i] = q;
+    }
+    for (int i = 0; i < 6; i++) zero = zero && e[i] == 0;
+    return zero;
+}
+
+/* Twice the area of the projection along an axis: products of floats are exact in double. */
+static bool is_exactly_flat(const vertex v[3], int x, int y) {
+    const float *a = v[0].position, *b = v[1].position, *c = v[2].position;
+    const double t[6] = {(double)a[x] * b[y], -(double)a[y] * b[x], (double)b[x] * c[y],
+                         -(double)b[y] * c[x], (double)c[x] * a[y], -(double)c[y] * a[x]};
+    return is_zero_sum(t);
+}
+
+/* The same in plain double: true if that has surely an area. */
+static bool is_surely_wide(const vertex v[3], int x, int y) {
+    const float *a = v[0].position, *b = v[1].position, *c = v[2].position;
+    double p = ((double)b[x] - a[x]) * ((double)c[y] - a[y]);
+    double q = ((double)b[y] - a[y]) * ((double)c[x] - a[x]);
+    return fabs(p - q) > 1e-15 * (fabs(p) + fabs(q));
+}
+
+/* Exactly no area: two equal corners, or three on a line. A needle that has any area stays. */
 static bool is_degenerate(const vertex v[3]) {
     if (!memcmp(v[0].position, v[1].position, 12) || !memcmp(v[1].position, v[2].position, 12) ||
         !memcmp(v[0].position, v[2].position, 12))
         return true;
-    double a[3], d[3];
-    for (int k = 0; k < 3; k++) {
-        a[k] = (double)v[1].position[k] - v[0].position[k];
-        d[k] = (double)v[2].position[k] - v[0].position[k];
-    }
-    return a[1] * d[2] == a[2] * d[1] && a[2] * d[0] == a[0] * d[2] && a[0] * d[1] == a[1] * d[0];
+    if (is_surely_wide(v, 0, 1) || is_surely_wide(v, 1, 2) || is_surely_wide(v, 2, 0)) return false;
+    return is_exactly_flat(v, 0, 1) && is_exactly_flat(v, 1, 2) && is_exactly_flat(v, 2, 0);
 }
 
-static void corner_rest(const pbs_builder *b, vertex v[3], const pbs_corner c[3]) {
-    if (b->corners & PBS_CORNER_NORMAL) corner_normal(v, c);
+static void corner_rest(pbs_builder *b, vertex v[3], const pbs_corner c[3]) {
+    if (b->corners & PBS_CORNER_NORMAL) corner_normal(b, v, c);
     for (int i = 0; i < 3; i++) {
         if (b->corners & PBS_CORNER_UV)
             for (int k = 0; k < 2; k++) v[i].uv[k] = isfinite(c[i].uv[k]) ? c[i].uv[k] + 0.0f : 0;
@@ -225,8 +270,6 @@ pbs_code pbs_builder_triangle(pbs_builder *b, const pbs_corner c[3], uint32_t ma
         double p[3];
         for (int k = 0; k < 3; k++) p[k] = b->origin[k] + v[i].position[k];
         pbs_box_add(&b->box, p);
-        const float *n = c[i].normal;
-        b->has_normal = b->has_normal || n[0] * n[0] + n[1] * n[1] + n[2] * n[2] > 0;
         b->index[3 * b->triangles + i] = weld(b, &v[i]);
     }
     b->material[b->triangles] = material;
@@ -261,7 +304,7 @@ static bool all_finite(const float *v, size_t n) {
 }
 
 pbs_code pbs_mesh_parse(const char *place, const pbs_chunk *c, pbs_mesh *m, pbs_err *err) {
-    const uint8_t *p = c->payload, *end = p + c->bytes;
+    const uint8_t *p = c->payload;
     memset(m, 0, sizeof *m);
     if (c->bytes < HEAD) goto bad;
     m->vertices = pbs_get_u32(p);
@@ -275,7 +318,7 @@ pbs_code pbs_mesh_parse(const char *place, const pbs_chunk *c, pbs_mesh *m, pbs_
     uint64_t v = m->vertices, t = m->triangles;
     uint64_t size = 12 * v + (arrays & HAS_NORMAL ? 4 * v : 0) + (arrays & HAS_UV ? 8 * v : 0) +
                     (arrays & HAS_COLOUR ? 4 * v : 0) + (arrays & HAS_MATERIAL ? 4 * t : 0) + 6 * t;
-    if (size != (uint64_t)(end - p)) goto bad;
+    if (size != c->bytes - HEAD) goto bad;
     m->position = (const float *)p, p += 12 * v;
     if (arrays & HAS_NORMAL) m->normal = (const int16_t *)p, p += 4 * v;
     if (arrays & HAS_UV) m->uv = (const float *)p, p += 8 * v;

@@ -202,7 +202,7 @@ static pbs_code fetch_payload(pbs_reader *r, pbs_chunk *c, pbs_err *err) {
     size_t n = (size_t)(c->bytes + pbs_padding(c->bytes, PBS_ALIGN));
     pbs_code rc = PBS_OK;
     const uint8_t *p;
-    if (!r->in.mapped && n > r->buffer_cap) {
+    if (!r->in.mapped && (n > r->buffer_cap || !r->buffer)) {
         pbs_free(r->run, r->buffer);
         r->buffer = NULL;
         r->buffer_cap = 0;

@@ -2,10 +2,14 @@
 #include "libcore/pipe.h"
 #include "libcore/vec.h"
 
+int pbs_parts_most(size_t things, size_t least) {
+    size_t most = things / least;
+    return most < 1 ? 1 : most < PBS_PARTS ? (int)most : PBS_PARTS;
+}
+
 int pbs_parts(const pbs_run *run, size_t things, size_t least) {
-    size_t most = things / least, parts = run->threads < PBS_PARTS ? (size_t)run->threads : PBS_PARTS;
-    if (parts > most) parts = most;
-    return parts ? (int)parts : 1;
+    int most = pbs_parts_most(things, least);
+    return run->threads < most ? run->threads : most;
 }
 
 typedef struct bounds {
@@ -54,7 +58,8 @@ static bool bounds_of_batches(bounds *b, const float *p, size_t batches) {
 static pbs_code measure_part(void *ctx, size_t i, int thread, pbs_err *err) {
     (void)thread, (void)err;
     measure *m = ctx;
-    size_t at = pbs_part_begin(m->in->count, m->parts, i), end = pbs_part_end(m->in->count, m->parts, i);
+    size_t at = pbs_part_begin(m->in->count, m->parts, i),
+           end = pbs_part_end(m->in->count, m->parts, i);
     bounds *b = &m->part[i];
     *b = (bounds){{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}, 0};
     size_t batches = (end - at) / BATCH;
@@ -117,7 +122,8 @@ void pbs_tree_layout(pbs_tree *t, size_t candidates, pbs_layout *layout) {
     t->leaf = pbs_layout_take(layout, n * PBS_FAN * sizeof *t->leaf);
     t->normal = pbs_layout_take(layout, n * PBS_FAN * sizeof *t->normal);
     t->id = pbs_layout_take(layout, n * PBS_FAN_POINTS * sizeof *t->id);
-    t->digits = pbs_layout_take(layout, (size_t)PBS_PARTS * PBS_TREE_DIGITS * sizeof *t->digits);
+    size_t digits = (size_t)pbs_parts_most(candidates, PBS_TREE_PART) * PBS_TREE_DIGITS;
+    t->digits = pbs_layout_take(layout, digits * sizeof *t->digits);
     t->levels = 0;
     for (;; n = (n + PBS_FAN - 1) / PBS_FAN) {
         t->fans[t->levels] = n;

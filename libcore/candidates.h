@@ -23,7 +23,8 @@ enum {
     PBS_FAN = 8,
     PBS_FAN_POINTS = PBS_LEAF * PBS_FAN,
     PBS_LEVELS = 10,
-    PBS_TREE_DIGITS = 1 << 12 /* half a key of the sort */
+    PBS_TREE_DIGITS = 1 << 12, /* half a key of the sort */
+    PBS_TREE_PART = 1 << 15    /* candidates that are worth a thread */
 };
 
 /* Below this cos^2 of half the angle (179.1 degrees) two normals count as opposite and their
@@ -31,11 +32,11 @@ enum {
 #define PBS_OPPOSITE 0x1p-14f
 
 typedef struct pbs_metric {
-    float up, up2;  /* scaled = in * up * up2; two factors, since 2^201 is no float */
+    float up, up2;     /* scaled = in * up * up2; two factors, since 2^201 is no float */
     float base, slope; /* D^2 = |p-q|^2 / min(1, base + slope * n.n') */
     bool normals;
-    double length;   /* in the caller's unit = scaled / length */
-    double diagonal; /* of the box, in the caller's unit */
+    double length;          /* in the caller's unit = scaled / length */
+    double diagonal;        /* of the box, in the caller's unit */
     double low[3], high[3]; /* the box, scaled */
 } pbs_metric;
 
@@ -81,12 +82,13 @@ typedef struct pbs_tree {
     pbs_metric metric;
     size_t points, leaves, invalid;
     pbs_leaf *leaf;
-    pbs_leaf_normals *normal;    /* NULL: Euclid */
-    uint32_t *id;                /* of slot leaf * 32 + lane: the caller's index */
-    uint32_t *digits;            /* scratch of the sort */
-    int levels;                  /* fan[levels - 1] is the root */
+    pbs_leaf_normals *normal; /* NULL: Euclid */
+    uint32_t *id;             /* of slot leaf * 32 + lane: the caller's index */
+    uint32_t *digits;         /* scratch of the sort */
+    int levels;               /* fan[levels - 1] is the root */
     size_t fans[PBS_LEVELS];
-    pbs_fan *fan[PBS_LEVELS];    /* child c of fan[0][i] is leaf 8i + c, of fan[k][i] fan[k-1][8i + c] */
+    pbs_fan
+        *fan[PBS_LEVELS]; /* child c of fan[0][i] is leaf 8i + c, of fan[k][i] fan[k-1][8i + c] */
 } pbs_tree;
 
 /* Where a function's scratch lies in one block. The first walk, with base NULL, adds up what is
@@ -114,8 +116,10 @@ pbs_code pbs_tree_build_avx2(pbs_run *run, pbs_tree *t, const pbs_points *in, pb
 /* Functions whose name ends in _avx2 are the ones without it, compiled for that. */
 bool pbs_cpu_has_avx2(void);
 
-/* One part per thread, up to this many: parts never change a result, only the time. */
+/* Work is cut into one part per thread, of at least `least` things, and at most PBS_PARTS: parts
+ * never change a result, only the time. Scratch is planned for the most that there can be. */
 enum { PBS_PARTS = 16 };
+int pbs_parts_most(size_t things, size_t least);
 int pbs_parts(const pbs_run *run, size_t things, size_t least);
 static inline size_t pbs_part_begin(size_t n, int parts, size_t i) {
     return i < (size_t)parts ? n / (size_t)parts * i : n;

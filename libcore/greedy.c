@@ -26,11 +26,13 @@
 #endif
 
 enum {
-    WAIT = 15,       /* surfels that wait at a fan */
-    BALL = 2048,     /* one by one until a ball holds about so many points */
-    BLOCKS = 1024,   /* of a worker's neighbour lists */
-    LONGEST = 128,   /* blocks of one list */
-    QUEUE = 4096     /* leaves that one candidate's ball may touch, in parallel rounds */
+    PART = 16,    /* fans that are worth a thread */
+    WAIT = 15,    /* surfels that wait at a fan */
+    WAITS = 2048, /* that are worth the start of some threads */
+    BALL = 2048,  /* one by one until a ball holds about so many points */
+    BLOCKS = 512, /* of a worker's neighbour lists */
+    LONGEST = 64, /* blocks of one list */
+    QUEUE = 4096  /* leaves that one candidate's ball may touch, in parallel rounds */
 };
 
 typedef struct waiting {
@@ -45,8 +47,8 @@ typedef struct block {
 
 enum { NO_LIST = UINT32_MAX };
 typedef struct list {
-    uint64_t epoch; /* valid if it is its worker's */
-    uint32_t begin, blocks; /* NO_LIST: too long, or a neighbour is out of the range */
+    uint64_t epoch;         /* valid if it is its worker's */
+    uint32_t begin, blocks; /* NO_LIST: too long */
 } list;
 
 typedef struct worker {
@@ -55,9 +57,9 @@ typedef struct worker {
     bool alone;        /* nobody else works: no lists, no range, a queue for everything */
     size_t made;
     uint64_t epoch;
-    uint32_t used;     /* blocks */
+    uint32_t used; /* blocks */
     block *block;
-    uint32_t *queue;   /* leaves in reach of the candidate in question */
+    uint32_t *queue; /* leaves in reach of the candidate in question */
     size_t queued, room;
     uint32_t rival[QUEUE]; /* those of them that may hold one that comes before it */
     size_t rivals;
@@ -73,12 +75,13 @@ struct pbs_greedy {
     waiting *wait;
     probe *surfel;
     size_t surfels; /* room in it */
+    size_t waits;   /* how often something began to wait since the last flush_all */
     /* sweeps */
     float bound;
     int parts;
     uint64_t epochs;
     list *list;
-    worker *worker; /* PBS_PARTS + 1 */
+    worker *worker; /* one more than parts, for the shifted round */
 };
 
 static size_t fans_padded(const pbs_tree *t, int level) {
@@ -93,9 +96,10 @@ static void layout(pbs_greedy *g, const pbs_tree *t, size_t candidates, pbs_layo
     g->surfels = candidates / BALL + 1;
     g->surfel = pbs_layout_take(l, g->surfels * sizeof *g->surfel);
     g->list = pbs_layout_take(l, fans * sizeof *g->list);
-    g->worker = pbs_layout_take(l, (PBS_PARTS + 1) * sizeof *g->worker);
+    int parts = pbs_parts_most(fans, PART);
+    g->worker = pbs_layout_take(l, (size_t)(parts + 1) * sizeof *g->worker);
     size_t alone = fans * PBS_FAN + PBS_FAN;
-    for (int i = 0; i <= PBS_PARTS; i++) {
+    for (int i = 0; i <= parts; i++) {
         /* The first is also the one that works alone. */
         size_t room = i || alone < QUEUE ? QUEUE : alone;
         void *queue = pbs_layout_take(l, room * sizeof(uint32_t));
@@ -174,12 +178,14 @@ static pbs_code flush_part(void *ctx, size_t i, int thread, pbs_err *err) {
     pbs_greedy *g = ctx;
     size_t n = g->t->fans[0], each = n / (size_t)g->parts, begin = i * each;
     size_t end = (int)i + 1 == g->parts ? n : begin + each;
-    for (size_t f = begin; f < end; f++) flush(g, f);
+    for (size_t f = begin; f < end; f++)
+        if (g->wait[f].count) flush(g, f);
     return PBS_OK;
 }
 
 static pbs_code flush_all(pbs_greedy *g, pbs_err *err) {
     pbs_code rc = pbs_parallel(g->run, (size_t)g->parts, flush_part, g, err);
+    g->waits = 0;
     for (int level = 1; level < g->t->levels; level++)
         for (size_t f = 0; f < g->t->fans[level]; f++) follow(g, level, f);
     return rc;
@@ -191,6 +197,7 @@ static void announce(pbs_greedy *g, int level, size_t fan, uint32_t surfel) {
         waiting *w = &g->wait[fan];
         if (w->count == WAIT) flush_and_tell(g, fan);
         w->surfel[w->count++] = surfel;
+        g->waits++;
         return;
     }
     for (unsigned m = fan_near(&g->t->fan[level][fan], g->surfel[surfel].at.p); m; m &= m - 1)
@@ -236,7 +243,8 @@ static pbs_code take_first(pbs_greedy *g, size_t first, pbs_err *err) {
     pbs_code rc = flush_all(g, err);
     while (!rc && g->made < wanted && farthest(g, &slot)) {
         choose(g, slot);
-        if (g->made % 64 == 0) rc = pbs_run_check(g->run, err);
+        if (g->parts > 1 && g->waits > WAITS) rc = flush_all(g, err);
+        if (!rc && g->made % 64 == 0) rc = pbs_run_check(g->run, err);
     }
     return rc ? rc : flush_all(g, err);
 }
@@ -278,7 +286,7 @@ static bool find_neighbours(worker *w, int level, size_t fan, const float low[3]
             if (!find_neighbours(w, level - 1, child, low, high, count)) return false;
             continue;
         }
-        if (child < w->begin || child >= w->end || *count == LONGEST * PBS_FAN) return false;
+        if (*count == LONGEST * PBS_FAN) return false;
         block *b = &w->block[w->used + *count / PBS_FAN];
         unsigned at = (*count)++ % PBS_FAN;
         for (int k = 0; k < 3; k++)
@@ -308,8 +316,10 @@ static const list *neighbours(worker *w, size_t fan) {
     const pbs_fan *f = &t->fan[0][fan];
     fan_box(f, fan_at_least(f, w->g->bound), low, high);
     *l = (list){w->epoch, w->used, NO_LIST};
-    if (t->levels == 1) only_neighbour(w), count = 1;
-    else if (!find_neighbours(w, t->levels - 1, 0, low, high, &count)) return l;
+    if (t->levels == 1)
+        only_neighbour(w), count = 1;
+    else if (!find_neighbours(w, t->levels - 1, 0, low, high, &count))
+        return l;
     l->blocks = (count + PBS_FAN - 1) / PBS_FAN;
     for (; count % PBS_FAN; count++)
         w->block[w->used + count / PBS_FAN].box.max[count % PBS_FAN] = 0; /* no d is below that */
@@ -350,8 +360,11 @@ static bool reach(worker *w, const probe *p) {
     for (uint32_t i = 0; i < l->blocks; i++) {
         const block *b = &w->block[l->begin + i];
         if (w->queued + PBS_FAN * PBS_FAN > w->room) return false;
-        for (unsigned m = fan_near(&b->box, p->at.p); m; m &= m - 1)
-            queue_fan(w, p, b->fan[__builtin_ctz(m)]);
+        for (unsigned m = fan_near(&b->box, p->at.p); m; m &= m - 1) {
+            uint32_t fan = b->fan[__builtin_ctz(m)];
+            if (fan < w->begin || fan >= w->end) return false;
+            queue_fan(w, p, fan);
+        }
     }
     return true;
 }
@@ -465,10 +478,10 @@ static pbs_code take_rest(pbs_greedy *g, pbs_err *err) {
 }
 
 pbs_code PBS_GREEDY_NAME(pbs_greedy_run)(pbs_run *run, pbs_tree *t, size_t first, size_t wanted,
-                        pbs_layout *scratch, pbs_err *err) {
+                                         pbs_layout *scratch, pbs_err *err) {
     pbs_greedy g = {.run = run, .t = t, .wanted = wanted};
     layout(&g, t, t->points, scratch);
-    g.parts = pbs_parts(run, t->fans[0], 32);
+    g.parts = pbs_parts(run, t->fans[0], PART);
     pbs_code rc = take_first(&g, first, err);
     return rc ? rc : take_rest(&g, err);
 }

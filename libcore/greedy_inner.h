@@ -63,7 +63,9 @@ static inline unsigned fan_at_least(const pbs_fan *f, float d) {
     return ~f8_less(f8_at(f->max), f8_all(d)) & 255;
 }
 
-static inline float fan_most(const pbs_fan *f) { return f8_most(f8_at(f->max)); }
+static inline float fan_most(const pbs_fan *f) {
+    return f8_most(f8_at(f->max));
+}
 
 /* The box around those children. */
 static inline void fan_box(const pbs_fan *f, unsigned children, float low[3], float high[3]) {

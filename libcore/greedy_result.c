@@ -44,8 +44,10 @@ static void select_smallest(uint64_t *v, size_t n, size_t k) {
             uint64_t x = v[i];
             v[i] = v[j], v[j] = x;
         }
-        if (k - 1 <= j) high = j;
-        else low = j + 1;
+        if (k - 1 <= j)
+            high = j;
+        else
+            low = j + 1;
     }
 }
 

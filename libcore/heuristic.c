@@ -28,12 +28,12 @@ typedef struct drawn {
 typedef struct paper {
     const pbs_metric *m;
     const pbs_points *in;
-    uint64_t random;  /* of seed and node */
+    uint64_t random; /* of seed and node */
     uint64_t draws;
-    uint32_t *left;   /* candidates that are neither surfels nor removed */
+    uint32_t *left; /* candidates that are neither surfels nor removed */
     size_t lefts;
-    bool *gone;       /* of the subset */
-    drawn *best;      /* the farthest of the subset, farthest first */
+    bool *gone;  /* of the subset */
+    drawn *best; /* the farthest of the subset, farthest first */
     size_t bests;
     pbs_near near;
 } paper;
@@ -55,8 +55,10 @@ static bool comes_before(const drawn *a, const drawn *b) {
 static void keep_best(paper *p, const drawn *x, size_t most) {
     size_t i = p->bests;
     if (i == most && !comes_before(x, &p->best[i - 1])) return;
-    if (i < most) p->bests++;
-    else i--;
+    if (i < most)
+        p->bests++;
+    else
+        i--;
     for (; i > 0 && comes_before(x, &p->best[i - 1]); i--) p->best[i] = p->best[i - 1];
     p->best[i] = *x;
 }
@@ -145,8 +147,8 @@ static void finish(const pbs_tree *t, size_t made, pbs_sample_result *result) {
 }
 
 /* Goes through order[] again to see what it covers. slot: room for all candidates. */
-static pbs_code cover(pbs_run *run, pbs_tree *t, const uint32_t *order, size_t made,
-                      uint32_t *slot, pbs_err *err) {
+static pbs_code cover(pbs_run *run, pbs_tree *t, const uint32_t *order, size_t made, uint32_t *slot,
+                      pbs_err *err) {
     float (*take)(pbs_tree *, size_t) = pbs_cpu_has_avx2() ? pbs_greedy_take_avx2 : pbs_greedy_take;
     pbs_code rc = PBS_OK;
     for (size_t i = 0; i < t->points; i++) slot[t->id[i]] = (uint32_t)i;
@@ -189,8 +191,10 @@ pbs_code pbs_heuristic_run(pbs_run *run, const pbs_metric *m, const pbs_points *
     pbs_tree_layout(&t, in->count, &scratch);
     uint32_t *slot = pbs_layout_take(&scratch, in->count * sizeof *slot);
     if (!rc) rc = (pbs_cpu_has_avx2() ? pbs_tree_build_avx2 : pbs_tree_build)(run, &t, in, err);
-    if (!rc && params->method == PBS_PAPER) rc = cover(run, &t, order, made, slot, err);
-    else if (!rc) rc = choose_random(run, &t, params, slot, order, spacing, &made, err);
+    if (!rc && params->method == PBS_PAPER)
+        rc = cover(run, &t, order, made, slot, err);
+    else if (!rc)
+        rc = choose_random(run, &t, params, slot, order, spacing, &made, err);
     if (!rc) finish(&t, made, result);
     return rc;
 }

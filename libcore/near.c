@@ -24,15 +24,14 @@ static double longest_side(const pbs_metric *m) {
     return side;
 }
 
-/* Neighbours along x share a bucket or have consecutive ones, so a row of two cells is one look. */
+/* Neighbours along x share a bucket or have consecutive ones, so a row of cells is one look. */
 static uint32_t bucket_of(const pbs_near *g, int x, int y, int z) {
     return ((uint32_t)x + (uint32_t)y * 0x9e3779b1u + (uint32_t)z * 0x85ebca77u) & (g->buckets - 1);
 }
 
 /* The lower corner of the 2 x 2 x 2 cells whose middle is nearest. */
 static void corner_of(const pbs_near *g, const float p[3], int cell[3]) {
-    for (int k = 0; k < 3; k++)
-        cell[k] = (int)((p[k] - (float)g->m->low[k]) / g->cell + 0.5f) - 1;
+    for (int k = 0; k < 3; k++) cell[k] = (int)((p[k] - (float)g->m->low[k]) / g->cell + 0.5f) - 1;
 }
 
 static uint32_t bucket_at(const pbs_near *g, const float p[3]) {
@@ -75,14 +74,26 @@ void pbs_near_add(pbs_near *g, const pbs_place *at, float spacing) {
     g->head[b] = (uint32_t)g->count;
 }
 
-static float bucket_d2(const pbs_near *g, uint32_t b, const pbs_place *at, float best) {
-    for (uint32_t i = g->begin[b]; i < g->begin[b + 1]; i++) {
-        float d2 = pbs_metric_d2(g->m, &g->sorted[i], at);
-        best = d2 < best ? d2 : best;
-    }
+static float list_d2(const pbs_near *g, uint32_t b, const pbs_place *at, float best) {
     for (uint32_t i = g->head[b]; i; i = g->next[i - 1]) {
         float d2 = pbs_metric_d2(g->m, &g->place[i - 1], at);
         best = d2 < best ? d2 : best;
+    }
+    return best;
+}
+
+/* Cells x .. x + cells - 1 of a row. */
+static float row_d2(const pbs_near *g, int x, int y, int z, int cells, const pbs_place *at,
+                    float best) {
+    while (cells > 0) {
+        uint32_t b = bucket_of(g, x, y, z), most = g->buckets - b, end;
+        end = b + ((uint32_t)cells < most ? (uint32_t)cells : most);
+        for (uint32_t i = g->begin[b]; i < g->begin[end]; i++) {
+            float d2 = pbs_metric_d2(g->m, &g->sorted[i], at);
+            best = d2 < best ? d2 : best;
+        }
+        x += (int)(end - b), cells -= (int)(end - b);
+        for (; b < end; b++) best = list_d2(g, b, at, best);
     }
     return best;
 }
@@ -101,14 +112,14 @@ float pbs_near_d2(const pbs_near *g, const pbs_place *at) {
     int c[3];
     corner_of(g, at->p, c);
     for (int ring = 0; ring < RINGS; ring++) {
+        int x = c[0] - ring, wide = 2 + 2 * ring;
         for (int z = c[2] - ring; z <= c[2] + 1 + ring; z++)
             for (int y = c[1] - ring; y <= c[1] + 1 + ring; y++) {
-                bool inside = z >= c[2] - ring + 1 && z <= c[2] + ring && y >= c[1] - ring + 1 &&
-                              y <= c[1] + ring;
-                /* Rows through the cells of the last ring: only their two ends are new. */
-                int step = ring && inside ? 2 * ring + 1 : 1;
-                for (int x = c[0] - ring; x <= c[0] + 1 + ring; x += step)
-                    best = bucket_d2(g, bucket_of(g, x, y, z), at, best);
+                bool through =
+                    z > c[2] - ring && z <= c[2] + ring && y > c[1] - ring && y <= c[1] + ring;
+                /* Of rows through the rings before only the two ends are new. */
+                best = row_d2(g, x, y, z, ring && through ? 1 : wide, at, best);
+                if (ring && through) best = row_d2(g, x + wide - 1, y, z, 1, at, best);
             }
         /* 0.499 and not 0.5: the corner was found by rounding. */
         double reach = (0.499 + ring) * g->cell;

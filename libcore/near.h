@@ -14,8 +14,8 @@ typedef struct pbs_near {
     uint32_t *begin;           /* of each bucket in sorted; buckets + 3 */
     uint32_t *head, *next;     /* the others, as one list a bucket; place index + 1, 0 ends */
     size_t count, built;
-    uint32_t buckets;          /* a power of two, less than half full on average */
-    float cell;                /* its side, scaled */
+    uint32_t buckets; /* a power of two, less than half full on average */
+    float cell;       /* its side, scaled */
 } pbs_near;
 
 void pbs_near_layout(pbs_near *g, size_t surfels, pbs_layout *layout);

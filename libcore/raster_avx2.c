@@ -26,10 +26,11 @@ AVX2_INLINE __m256d clamp_pd(__m256d v, double lo, double hi) {
 }
 
 AVX2 void pbs_raster_snap_avx2(const double m[12], const float *position, uint32_t n,
-                               pbs_snapped *out, int32_t box[4], int32_t *bad) {
+                               pbs_snapped *out, pbs_snapped_box *box, int32_t *bad) {
     const double limit = 1 << 29;
-    __m128i lx = _mm_set1_epi32(box[0]), ly = _mm_set1_epi32(box[1]);
-    __m128i hx = _mm_set1_epi32(box[2]), hy = _mm_set1_epi32(box[3]);
+    __m128i lx = _mm_set1_epi32(box->x0), ly = _mm_set1_epi32(box->y0);
+    __m128i hx = _mm_set1_epi32(box->x1), hy = _mm_set1_epi32(box->y1);
+    __m128 lz = _mm_set1_ps(box->lo), hz = _mm_set1_ps(box->hi);
     __m256d none = _mm256_setzero_pd();
     for (uint32_t i = 0; i < n; i += 4, position += 12, out += 4) {
         __m128 a = _mm_loadu_ps(position), b = _mm_loadu_ps(position + 4);
@@ -49,7 +50,9 @@ AVX2 void pbs_raster_snap_avx2(const double m[12], const float *position, uint32
             _mm_castsi128_ps(_mm256_extracti128_si256(wide, 1)), _MM_SHUFFLE(2, 0, 2, 0)));
         __m128i ix = _mm256_cvtpd_epi32(clamp_pd(sx, -limit, limit));
         __m128i iy = _mm256_cvtpd_epi32(clamp_pd(sy, -limit, limit));
-        __m128i iz = _mm_castps_si128(_mm256_cvtpd_ps(clamp_pd(sz, 0, 1)));
+        __m128 fz = _mm256_cvtpd_ps(clamp_pd(sz, 0, 1));
+        __m128i iz = _mm_castps_si128(fz);
+        lz = _mm_min_ps(lz, fz), hz = _mm_max_ps(hz, fz);
         lx = _mm_min_epi32(lx, ix), ly = _mm_min_epi32(ly, iy);
         hx = _mm_max_epi32(hx, ix), hy = _mm_max_epi32(hy, iy);
         __m128i xy01 = _mm_unpacklo_epi32(ix, iy), xy23 = _mm_unpackhi_epi32(ix, iy);
@@ -61,14 +64,33 @@ AVX2 void pbs_raster_snap_avx2(const double m[12], const float *position, uint32
     }
     if (_mm256_movemask_pd(_mm256_cmp_pd(none, none, _CMP_UNORD_Q))) *bad = -1;
     int32_t lane[4][4];
+    float depth[2][4];
     _mm_storeu_si128((__m128i *)lane[0], lx), _mm_storeu_si128((__m128i *)lane[1], ly);
     _mm_storeu_si128((__m128i *)lane[2], hx), _mm_storeu_si128((__m128i *)lane[3], hy);
+    _mm_storeu_ps(depth[0], lz), _mm_storeu_ps(depth[1], hz);
     for (int k = 0; k < 4; k++) {
-        box[0] = lane[0][k] < box[0] ? lane[0][k] : box[0];
-        box[1] = lane[1][k] < box[1] ? lane[1][k] : box[1];
-        box[2] = lane[2][k] > box[2] ? lane[2][k] : box[2];
-        box[3] = lane[3][k] > box[3] ? lane[3][k] : box[3];
+        box->x0 = lane[0][k] < box->x0 ? lane[0][k] : box->x0;
+        box->y0 = lane[1][k] < box->y0 ? lane[1][k] : box->y0;
+        box->x1 = lane[2][k] > box->x1 ? lane[2][k] : box->x1;
+        box->y1 = lane[3][k] > box->y1 ? lane[3][k] : box->y1;
+        box->lo = depth[0][k] < box->lo ? depth[0][k] : box->lo;
+        box->hi = depth[1][k] > box->hi ? depth[1][k] : box->hi;
     }
+}
+
+/* The largest of both halves of the keys of a tile; the lower halves are no matter. */
+AVX2 void pbs_raster_worst_avx2(const uint64_t *key, size_t stride, uint32_t rows,
+                                uint32_t worst[2]) {
+    __m256i a = _mm256_setzero_si256(), b = a;
+    for (uint32_t y = 0; y < rows; y++, key += stride) {
+        const __m256i *k = (const __m256i *)(const void *)key;
+        a = _mm256_max_epu32(a, _mm256_max_epu32(_mm256_loadu_si256(k), _mm256_loadu_si256(k + 1)));
+        b = _mm256_max_epu32(
+            b, _mm256_max_epu32(_mm256_loadu_si256(k + 2), _mm256_loadu_si256(k + 3)));
+    }
+    a = _mm256_max_epu32(a, b);
+    __m128i c = _mm_max_epu32(_mm256_castsi256_si128(a), _mm256_extracti128_si256(a, 1));
+    worst[0] = (uint32_t)_mm_extract_epi32(c, 1), worst[1] = (uint32_t)_mm_extract_epi32(c, 3);
 }
 
 /* ---- pixels ---- */
@@ -141,9 +163,20 @@ typedef struct corner {
     __m256 z;
 } corner;
 
+typedef struct planes {
+    __m256 gx, gy, lo, hi;
+} planes;
+typedef struct edges {
+    __m256i e[3], x[3], y[3];
+} edges;
+typedef struct pixel_box {
+    __m256i x0, x1, y0, y1;
+} pixel_box;
+
 /* One corner of eight triangles: eight vertices, turned into columns. */
 AVX2_INLINE corner load_corner(const pbs_snapped *v, const uint16_t *index) {
     __m256i p[4];
+#pragma GCC unroll 4
     for (int t = 0; t < 4; t++) {
         const __m128i *a = (const __m128i *)(const void *)(v + index[3 * t]);
         const __m128i *b = (const __m128i *)(const void *)(v + index[3 * t + 12]);
@@ -179,8 +212,8 @@ AVX2_INLINE __m256i pixels(__m256i lo, __m256i hi, int32_t a, int32_t b, __m256i
     return _mm256_cmpgt_epi32(_mm256_add_epi32(*last, _mm256_set1_epi32(1)), *first);
 }
 
-AVX2_INLINE void planes(batch *b, const corner c[3], const __m256i ex[3], const __m256i ey[3],
-                        __m256i area) {
+AVX2_INLINE void find_planes(planes *p, const corner c[3], const __m256i ex[3], const __m256i ey[3],
+                             __m256i area) {
     __m256 zero = _mm256_setzero_ps();
     __m256 inv = _mm256_div_ps(_mm256_set1_ps(1), _mm256_cvtepi32_ps(area));
     __m256 d1 = _mm256_sub_ps(c[1].z, c[0].z), d2 = _mm256_sub_ps(c[2].z, c[0].z);
@@ -188,46 +221,104 @@ AVX2_INLINE void planes(batch *b, const corner c[3], const __m256i ex[3], const 
     __m256 x2 = _mm256_cvtepi32_ps(ex[2]), y2 = _mm256_cvtepi32_ps(ey[2]);
     __m256 gx = _mm256_sub_ps(_mm256_mul_ps(d2, _mm256_sub_ps(zero, y1)), _mm256_mul_ps(d1, y2));
     __m256 gy = _mm256_sub_ps(_mm256_mul_ps(d2, x1), _mm256_mul_ps(d1, _mm256_sub_ps(zero, x2)));
-    _mm256_store_ps(b->z0, c[0].z);
-    _mm256_store_ps(b->gx, _mm256_mul_ps(gx, inv));
-    _mm256_store_ps(b->gy, _mm256_mul_ps(gy, inv));
-    _mm256_store_ps(b->lo, _mm256_min_ps(c[0].z, _mm256_min_ps(c[1].z, c[2].z)));
-    _mm256_store_ps(b->hi, _mm256_max_ps(c[0].z, _mm256_max_ps(c[1].z, c[2].z)));
-    keep(b->x0, c[0].x);
-    keep(b->y0, c[0].y);
+    p->gx = _mm256_mul_ps(gx, inv), p->gy = _mm256_mul_ps(gy, inv);
+    p->lo = _mm256_min_ps(c[0].z, _mm256_min_ps(c[1].z, c[2].z));
+    p->hi = _mm256_max_ps(c[0].z, _mm256_max_ps(c[1].z, c[2].z));
 }
 
-/* Fills b for eight small triangles. Returns the lanes worth drawing: not those without area, nor
- * those whose box is one pixel that they miss. */
-AVX2_INLINE int setup(batch *b, const corner c[3], __m256i px0, __m256i px1, __m256i py0,
-                      __m256i py1) {
+/* Edge functions at the first pixel of each box, as raster.c has them. Returns the lanes that
+ * have an area. */
+AVX2_INLINE int find_edges(edges *o, planes *p, const corner c[3], const pixel_box *px) {
     const __m256i half = _mm256_set1_epi32(PBS_SUBPIXELS / 2), one = _mm256_set1_epi32(1);
-    __m256i cx = _mm256_add_epi32(_mm256_slli_epi32(px0, 8), half);
-    __m256i cy = _mm256_add_epi32(_mm256_slli_epi32(py0, 8), half);
-    __m256i ex[3], ey[3], e[3], out = _mm256_setzero_si256();
+    __m256i cx = _mm256_add_epi32(_mm256_slli_epi32(px->x0, 8), half);
+    __m256i cy = _mm256_add_epi32(_mm256_slli_epi32(px->y0, 8), half);
+    __m256i ex[3], ey[3], e[3];
+#pragma GCC unroll 3
     for (int i = 0; i < 3; i++) {
-        const corner *p = &c[i], *q = &c[(i + 1) % 3];
-        ex[i] = _mm256_sub_epi32(q->x, p->x), ey[i] = _mm256_sub_epi32(q->y, p->y);
-        e[i] = _mm256_sub_epi32(_mm256_mullo_epi32(ex[i], _mm256_sub_epi32(cy, p->y)),
-                                _mm256_mullo_epi32(ey[i], _mm256_sub_epi32(cx, p->x)));
+        const corner *a = &c[i], *b = &c[(i + 1) % 3];
+        ex[i] = _mm256_sub_epi32(b->x, a->x), ey[i] = _mm256_sub_epi32(b->y, a->y);
+        e[i] = _mm256_sub_epi32(_mm256_mullo_epi32(ex[i], _mm256_sub_epi32(cy, a->y)),
+                                _mm256_mullo_epi32(ey[i], _mm256_sub_epi32(cx, a->x)));
     }
     __m256i area = _mm256_add_epi32(_mm256_add_epi32(e[0], e[1]), e[2]);
-    __m256i flat = _mm256_cmpeq_epi32(area, _mm256_setzero_si256());
-    planes(b, c, ex, ey, area);
+    find_planes(p, c, ex, ey, area);
+#pragma GCC unroll 3
     for (int i = 0; i < 3; i++) {
-        __m256i x = _mm256_sign_epi32(ex[i], area), y = _mm256_sign_epi32(ey[i], area);
+        o->x[i] = _mm256_sign_epi32(ex[i], area), o->y[i] = _mm256_sign_epi32(ey[i], area);
         /* Negative where y < 0, or y = 0 and x > 0: the edge owns the centres on it. */
-        __m256i owns = _mm256_sub_epi32(_mm256_slli_epi32(y, 15), x);
+        __m256i owns = _mm256_sub_epi32(_mm256_slli_epi32(o->y[i], 15), o->x[i]);
         __m256i bias = _mm256_add_epi32(_mm256_srai_epi32(owns, 31), one);
-        e[i] = _mm256_sub_epi32(_mm256_sign_epi32(e[i], area), bias);
-        e[i] = _mm256_srai_epi32(e[i], 8);
-        out = _mm256_or_si256(out, e[i]);
-        keep(b->e[i], e[i]), keep(b->ex[i], x), keep(b->ey[i], y);
+        o->e[i] = _mm256_srai_epi32(_mm256_sub_epi32(_mm256_sign_epi32(e[i], area), bias), 8);
     }
-    keep(b->px0, px0), keep(b->px1, px1), keep(b->py0, py0), keep(b->py1, py1);
-    __m256i single = _mm256_and_si256(_mm256_cmpeq_epi32(px0, px1), _mm256_cmpeq_epi32(py0, py1));
-    __m256i missed = _mm256_and_si256(single, _mm256_srai_epi32(out, 31));
-    return ~lanes(_mm256_or_si256(flat, missed));
+    return ~lanes(_mm256_cmpeq_epi32(area, _mm256_setzero_si256()));
+}
+
+AVX2_INLINE void put_one(uint64_t *key, uint32_t bits, uint32_t id) {
+    uint64_t near = (uint64_t)bits << 32 | id, far = (uint64_t)(PBS_RASTER_FAR - bits) << 32 | id;
+    __m128i k = _mm_insert_epi64(_mm_cvtsi64_si128((int64_t)near), (int64_t)far, 1);
+    __m128i old = _mm_load_si128((const __m128i *)(const void *)key);
+    __m128i less = _mm_cmpgt_epi64(old, k);
+    _mm_store_si128((__m128i *)(void *)key, _mm_blendv_epi8(old, k, less));
+}
+
+/* Triangles whose box has at most 2 x 2 pixels: all tests and depths of all of them first, then
+ * one loop over the fragments, however they are spread. tiny: which lanes. */
+AVX2_INLINE void fill_tiny(pbs_raster *r, const corner *c, const edges *o, const planes *p,
+                           const pixel_box *px, uint32_t first, int tiny) {
+    const __m256i next = _mm256_set1_epi32(PBS_SUBPIXELS);
+    const __m256i half = _mm256_set1_epi32(PBS_SUBPIXELS / 2);
+    __m256i out[4];
+    __m256i e0 = o->e[0], e1 = o->e[1], e2 = o->e[2];
+    out[0] = _mm256_or_si256(_mm256_or_si256(e0, e1), e2);
+    __m256i r0 = _mm256_sub_epi32(e0, o->y[0]), r1 = _mm256_sub_epi32(e1, o->y[1]);
+    __m256i r2 = _mm256_sub_epi32(e2, o->y[2]);
+    out[1] = _mm256_or_si256(_mm256_or_si256(r0, r1), r2);
+    e0 = _mm256_add_epi32(e0, o->x[0]), e1 = _mm256_add_epi32(e1, o->x[1]);
+    e2 = _mm256_add_epi32(e2, o->x[2]);
+    out[2] = _mm256_or_si256(_mm256_or_si256(e0, e1), e2);
+    r0 = _mm256_add_epi32(r0, o->x[0]), r1 = _mm256_add_epi32(r1, o->x[1]);
+    r2 = _mm256_add_epi32(r2, o->x[2]);
+    out[3] = _mm256_or_si256(_mm256_or_si256(r0, r1), r2);
+    unsigned wide = (unsigned)lanes(_mm256_cmpgt_epi32(px->x1, px->x0));
+    unsigned tall = (unsigned)lanes(_mm256_cmpgt_epi32(px->y1, px->y0)), lane = (unsigned)tiny;
+    unsigned in = (~(unsigned)lanes(out[0]) & lane) |
+                  (~(unsigned)lanes(out[1]) & lane & wide) << 8 |
+                  (~(unsigned)lanes(out[2]) & lane & tall) << 16 |
+                  (~(unsigned)lanes(out[3]) & lane & wide & tall) << 24;
+    if (!in) return;
+    __m256i dx = _mm256_sub_epi32(_mm256_add_epi32(_mm256_slli_epi32(px->x0, 8), half), c->x);
+    __m256i dy = _mm256_sub_epi32(_mm256_add_epi32(_mm256_slli_epi32(px->y0, 8), half), c->y);
+    uint32_t bits[32], at[8];
+#pragma GCC unroll 4
+    for (int k = 0; k < 4; k++) {
+        __m256i x = k & 1 ? _mm256_add_epi32(dx, next) : dx;
+        __m256i y = k & 2 ? _mm256_add_epi32(dy, next) : dy;
+        __m256 z = _mm256_add_ps(c->z, _mm256_mul_ps(_mm256_cvtepi32_ps(y), p->gy));
+        z = _mm256_add_ps(z, _mm256_mul_ps(_mm256_cvtepi32_ps(x), p->gx));
+        _mm256_storeu_ps((float *)(void *)(bits + 8 * k),
+                         _mm256_min_ps(_mm256_max_ps(z, p->lo), p->hi));
+    }
+    __m256i row = _mm256_sub_epi32(px->y0, _mm256_set1_epi32((int32_t)r->y0));
+    row = _mm256_mullo_epi32(row, _mm256_set1_epi32((int32_t)r->width));
+    _mm256_storeu_si256((__m256i *)(void *)at, _mm256_add_epi32(row, px->x0));
+    const size_t step[4] = {0, 1, r->width, (size_t)r->width + 1};
+    r->fragments += (uint64_t)__builtin_popcount(in);
+    for (; in; in &= in - 1) {
+        unsigned j = (unsigned)__builtin_ctz(in), k = j & 7;
+        put_one(r->key + 2 * (at[k] + step[j >> 3]), bits[j], first + k);
+    }
+}
+
+AVX2_INLINE void keep_all(batch *b, const corner *c, const edges *o, const planes *p,
+                          const pixel_box *px) {
+#pragma GCC unroll 3
+    for (int i = 0; i < 3; i++)
+        keep(b->e[i], o->e[i]), keep(b->ex[i], o->x[i]), keep(b->ey[i], o->y[i]);
+    keep(b->px0, px->x0), keep(b->px1, px->x1), keep(b->py0, px->y0), keep(b->py1, px->y1);
+    keep(b->x0, c->x), keep(b->y0, c->y);
+    _mm256_store_ps(b->z0, c->z);
+    _mm256_store_ps(b->gx, p->gx), _mm256_store_ps(b->gy, p->gy);
+    _mm256_store_ps(b->lo, p->lo), _mm256_store_ps(b->hi, p->hi);
 }
 
 AVX2_INLINE __m256i edge_at(const batch *b, int i, int k, __m256i col, __m256i row) {
@@ -266,7 +357,7 @@ AVX2_INLINE void fill_narrow(pbs_raster *r, const batch *b, int k, const pbs_ras
         r->fragments += (uint64_t)__builtin_popcount((unsigned)in);
         for (; in; in &= in - 1) {
             int j = __builtin_ctz((unsigned)in);
-            pbs_raster_put(key + 2 * ((size_t)(j >> 2) * r->width + (size_t)(j & 3)), bits[j], id);
+            put_one(key + 2 * ((size_t)(j >> 2) * r->width + (size_t)(j & 3)), bits[j], id);
         }
     }
 }
@@ -304,33 +395,34 @@ AVX2_INLINE void fill_wide(pbs_raster *r, const batch *b, int k, const pbs_raste
 
 AVX2_INLINE void fill(pbs_raster *r, const batch *b, int k, uint32_t id) {
     pbs_raster_plane p = {b->x0[k], b->y0[k], b->z0[k], b->gx[k], b->gy[k], b->lo[k], b->hi[k]};
-    int32_t w = b->px1[k] - b->px0[k];
-    if (w == 0 && b->py0[k] == b->py1[k]) {
-        float row = pbs_raster_row_z(&p, b->py0[k]);
-        uint64_t *key = pbs_raster_at(r, b->px0[k], b->py0[k]);
-        pbs_raster_put(key, pbs_float_bits(pbs_raster_z(&p, row, b->px0[k])), id);
-        r->fragments++;
-    } else if (w < 4) {
+    if (b->px1[k] - b->px0[k] < 4)
         fill_narrow(r, b, k, &p, id);
-    } else {
+    else
         fill_wide(r, b, k, &p, id);
-    }
 }
 
 AVX2_INLINE void draw_eight(pbs_raster *r, batch *b, const pbs_snapped *v, const uint16_t *index,
                             uint32_t first, int live) {
+    const __m256i two = _mm256_set1_epi32(2);
     corner c[3] = {load_corner(v, index), load_corner(v, index + 1), load_corner(v, index + 2)};
     __m256i lx = min3(c[0].x, c[1].x, c[2].x), hx = max3(c[0].x, c[1].x, c[2].x);
     __m256i ly = min3(c[0].y, c[1].y, c[2].y), hy = max3(c[0].y, c[1].y, c[2].y);
-    __m256i px0, px1, py0, py1;
-    __m256i seen = pixels(lx, hx, 0, (int32_t)r->width - 1, &px0, &px1);
-    seen = _mm256_and_si256(seen, pixels(ly, hy, (int32_t)r->y0, (int32_t)r->y1 - 1, &py0, &py1));
-    live &= lanes(seen);
+    pixel_box px;
+    __m256i seen = pixels(lx, hx, 0, (int32_t)r->width - 1, &px.x0, &px.x1);
+    live &= lanes(
+        _mm256_and_si256(seen, pixels(ly, hy, (int32_t)r->y0, (int32_t)r->y1 - 1, &px.y0, &px.y1)));
     if (!live) return;
     __m256i side = _mm256_max_epi32(_mm256_sub_epi32(hx, lx), _mm256_sub_epi32(hy, ly));
     int large = live & lanes(_mm256_cmpgt_epi32(side, _mm256_set1_epi32(PBS_RASTER_SMALL - 1)));
+    __m256i most = _mm256_max_epi32(_mm256_sub_epi32(px.x1, px.x0), _mm256_sub_epi32(px.y1, px.y0));
+    edges o;
+    planes p;
     live &= ~large;
-    if (live) live &= setup(b, c, px0, px1, py0, py1);
+    if (live) live &= find_edges(&o, &p, c, &px);
+    int tiny = live & lanes(_mm256_cmpgt_epi32(two, most));
+    if (tiny) fill_tiny(r, &c[0], &o, &p, &px, first, tiny);
+    live &= ~tiny;
+    if (live) keep_all(b, &c[0], &o, &p, &px);
     for (; live; live &= live - 1) {
         int k = __builtin_ctz((unsigned)live);
         fill(r, b, k, first + (uint32_t)k);
@@ -338,8 +430,8 @@ AVX2_INLINE void draw_eight(pbs_raster *r, batch *b, const pbs_snapped *v, const
     for (; large; large &= large - 1) {
         int k = __builtin_ctz((unsigned)large);
         const uint16_t *t = index + 3 * k;
-        const pbs_snapped *p[3] = {v + t[0], v + t[1], v + t[2]};
-        pbs_raster_large(r, p, first + (uint32_t)k, span, NULL);
+        const pbs_snapped *q[3] = {v + t[0], v + t[1], v + t[2]};
+        pbs_raster_large(r, q, first + (uint32_t)k, span, NULL);
     }
 }
 

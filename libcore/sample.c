@@ -98,5 +98,6 @@ pbs_code pbs_sample(pbs_sampler *s, const pbs_points *in, const pbs_sample_param
     if (params->method == PBS_GREEDY)
         return run_greedy(s, in, params, &t, order, spacing, result, err);
     pbs_layout l = {s->block, 0};
-    return pbs_heuristic_run(s->run, &t.metric, in, t.invalid, params, l, order, spacing, result, err);
+    return pbs_heuristic_run(s->run, &t.metric, in, t.invalid, params, l, order, spacing, result,
+                             err);
 }

@@ -12,6 +12,11 @@
  *
  * w = 0 is plain Euclid; w = 1 is |p-q| / cos(angle / 2): the way along a circle for small angles,
  * infinite between the two sides of a wall. Candidates without normals: Euclid.
+ *
+ * Precisely: normals are rounded to 16 bits an axis, D is computed in float. A denominator up to
+ * 2^-14 (for w = 1: normals 179.1 degrees apart) makes D infinite, whatever the distance, so both
+ * sides of a sheet without thickness are sampled. Distances below 2^-128 of the box's longest side
+ * count as 0. Lengths in the result are finite: what is longer than spacing[0] is given as that.
  */
 #ifndef PBS_SAMPLE_H
 #define PBS_SAMPLE_H
@@ -40,7 +45,7 @@ typedef struct pbs_sample_result {
     size_t count;        /* entries written */
     float covering;      /* covering radius of the whole result: max over all candidates of the
                             distance to the nearest surfel; 0 if every candidate is covered */
-    size_t duplicates;   /* candidates left out because they coincide with a surfel (distance 0) */
+    size_t duplicates;   /* candidates left out because they coincide with a surfel (D = 0) */
     size_t invalid;      /* candidates left out because a coordinate is not finite */
 } pbs_sample_result;
 
@@ -55,7 +60,8 @@ size_t pbs_sample_need(size_t candidates, const pbs_sample_params *params);
 /* in: at least position; at most 2^32 - 2 candidates. order and spacing have room for
  * min(params->count, in->count) entries and belong to the caller. spacing[0] is the largest
  * finite distance there is a use for: the length of the diagonal of the candidates' box.
- * Nothing else of `in` is read than position and normal. Errors: PBS_LIMIT, PBS_CANCEL. */
+ * Nothing else of `in` is read than position and normal. For the heuristics spacing[i] is likewise
+ * the distance to the nearest earlier surfel, but it may rise. Errors: PBS_LIMIT, PBS_CANCEL. */
 pbs_code pbs_sample(pbs_sampler *s, const pbs_points *in, const pbs_sample_params *params,
                     uint32_t *order, float *spacing, pbs_sample_result *result, pbs_err *err);
 #endif

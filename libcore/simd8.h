@@ -12,15 +12,33 @@
 #ifdef __AVX2__
 #include <immintrin.h>
 typedef __m256 f8;
-static inline f8 f8_all(float v) { return _mm256_set1_ps(v); }
-static inline f8 f8_at(const float *p) { return _mm256_loadu_ps(p); }
-static inline void f8_put(float *p, f8 a) { _mm256_storeu_ps(p, a); }
-static inline f8 f8_add(f8 a, f8 b) { return _mm256_add_ps(a, b); }
-static inline f8 f8_sub(f8 a, f8 b) { return _mm256_sub_ps(a, b); }
-static inline f8 f8_mul(f8 a, f8 b) { return _mm256_mul_ps(a, b); }
-static inline f8 f8_div(f8 a, f8 b) { return _mm256_div_ps(a, b); }
-static inline f8 f8_min(f8 a, f8 b) { return _mm256_min_ps(a, b); }
-static inline f8 f8_max(f8 a, f8 b) { return _mm256_max_ps(a, b); }
+static inline f8 f8_all(float v) {
+    return _mm256_set1_ps(v);
+}
+static inline f8 f8_at(const float *p) {
+    return _mm256_loadu_ps(p);
+}
+static inline void f8_put(float *p, f8 a) {
+    _mm256_storeu_ps(p, a);
+}
+static inline f8 f8_add(f8 a, f8 b) {
+    return _mm256_add_ps(a, b);
+}
+static inline f8 f8_sub(f8 a, f8 b) {
+    return _mm256_sub_ps(a, b);
+}
+static inline f8 f8_mul(f8 a, f8 b) {
+    return _mm256_mul_ps(a, b);
+}
+static inline f8 f8_div(f8 a, f8 b) {
+    return _mm256_div_ps(a, b);
+}
+static inline f8 f8_min(f8 a, f8 b) {
+    return _mm256_min_ps(a, b);
+}
+static inline f8 f8_max(f8 a, f8 b) {
+    return _mm256_max_ps(a, b);
+}
 /* Bit i: a[i] < b[i] */
 static inline unsigned f8_less(f8 a, f8 b) {
     return (unsigned)_mm256_movemask_ps(_mm256_cmp_ps(a, b, _CMP_LT_OQ));
@@ -37,12 +55,15 @@ static inline f8 f8_dot16(const int16_t *xy, const int16_t *z0, const int16_t p[
     int32_t pxy, pz0;
     memcpy(&pxy, p, 4);
     memcpy(&pz0, p + 2, 4);
-    __m256i a = _mm256_loadu_si256((const __m256i *)xy), b = _mm256_loadu_si256((const __m256i *)z0);
+    __m256i a = _mm256_loadu_si256((const __m256i *)xy),
+            b = _mm256_loadu_si256((const __m256i *)z0);
     a = _mm256_madd_epi16(a, _mm256_set1_epi32(pxy));
     b = _mm256_madd_epi16(b, _mm256_set1_epi32(pz0));
     return _mm256_cvtepi32_ps(_mm256_add_epi32(a, b));
 }
-static inline f8 f8_sqrt(f8 a) { return _mm256_sqrt_ps(a); }
+static inline f8 f8_sqrt(f8 a) {
+    return _mm256_sqrt_ps(a);
+}
 /* Towards zero, as a conversion in C. */
 static inline void f8_to_int(int32_t *p, f8 a) {
     _mm256_storeu_si256((__m256i *)p, _mm256_cvttps_epi32(a));
@@ -72,7 +93,9 @@ static inline f8 f8_at(const float *p) {
     memcpy(&a, p, sizeof a);
     return a;
 }
-static inline void f8_put(float *p, f8 a) { memcpy(p, &a, sizeof a); }
+static inline void f8_put(float *p, f8 a) {
+    memcpy(p, &a, sizeof a);
+}
 #define F8_LANES(expression)                                                                       \
     f8 r;                                                                                          \
     for (int i = 0; i < 8; i++) r.v[i] = (expression);                                             \
@@ -81,22 +104,42 @@ static inline void f8_put(float *p, f8 a) { memcpy(p, &a, sizeof a); }
     unsigned r = 0;                                                                                \
     for (int i = 0; i < 8; i++) r |= (unsigned)(expression) << i;                                  \
     return r
-static inline f8 f8_all(float v) { F8_LANES(v); }
-static inline f8 f8_add(f8 a, f8 b) { F8_LANES(a.v[i] + b.v[i]); }
-static inline f8 f8_sub(f8 a, f8 b) { F8_LANES(a.v[i] - b.v[i]); }
-static inline f8 f8_mul(f8 a, f8 b) { F8_LANES(a.v[i] * b.v[i]); }
-static inline f8 f8_div(f8 a, f8 b) { F8_LANES(a.v[i] / b.v[i]); }
-static inline f8 f8_min(f8 a, f8 b) { F8_LANES(a.v[i] < b.v[i] ? a.v[i] : b.v[i]); }
-static inline f8 f8_max(f8 a, f8 b) { F8_LANES(a.v[i] > b.v[i] ? a.v[i] : b.v[i]); }
-static inline unsigned f8_less(f8 a, f8 b) { F8_BITS(a.v[i] < b.v[i]); }
-static inline unsigned f8_equal(f8 a, f8 b) { F8_BITS(a.v[i] == b.v[i]); }
+static inline f8 f8_all(float v) {
+    F8_LANES(v);
+}
+static inline f8 f8_add(f8 a, f8 b) {
+    F8_LANES(a.v[i] + b.v[i]);
+}
+static inline f8 f8_sub(f8 a, f8 b) {
+    F8_LANES(a.v[i] - b.v[i]);
+}
+static inline f8 f8_mul(f8 a, f8 b) {
+    F8_LANES(a.v[i] * b.v[i]);
+}
+static inline f8 f8_div(f8 a, f8 b) {
+    F8_LANES(a.v[i] / b.v[i]);
+}
+static inline f8 f8_min(f8 a, f8 b) {
+    F8_LANES(a.v[i] < b.v[i] ? a.v[i] : b.v[i]);
+}
+static inline f8 f8_max(f8 a, f8 b) {
+    F8_LANES(a.v[i] > b.v[i] ? a.v[i] : b.v[i]);
+}
+static inline unsigned f8_less(f8 a, f8 b) {
+    F8_BITS(a.v[i] < b.v[i]);
+}
+static inline unsigned f8_equal(f8 a, f8 b) {
+    F8_BITS(a.v[i] == b.v[i]);
+}
 static inline f8 f8_if_less(f8 a, f8 b, f8 then, f8 other) {
     F8_LANES(a.v[i] < b.v[i] ? then.v[i] : other.v[i]);
 }
 static inline f8 f8_dot16(const int16_t *xy, const int16_t *z0, const int16_t p[4]) {
     F8_LANES((float)(xy[2 * i] * p[0] + xy[2 * i + 1] * p[1] + z0[2 * i] * p[2]));
 }
-static inline f8 f8_sqrt(f8 a) { F8_LANES(sqrtf(a.v[i])); }
+static inline f8 f8_sqrt(f8 a) {
+    F8_LANES(sqrtf(a.v[i]));
+}
 static inline void f8_to_int(int32_t *p, f8 a) {
     for (int i = 0; i < 8; i++) p[i] = (int32_t)a.v[i];
 }

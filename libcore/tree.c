@@ -221,8 +221,8 @@ static void first_runs(sorter *s) {
 /* Where each part's valid candidates go. */
 static pbs_code first_valid(pbs_run *run, sorter *s, pbs_err *err) {
     size_t sum = 0;
-    pbs_code rc = s->tree->invalid
-                      ? pbs_parallel(run, (size_t)s->parts, count_valid, s, err) : PBS_OK;
+    pbs_code rc =
+        s->tree->invalid ? pbs_parallel(run, (size_t)s->parts, count_valid, s, err) : PBS_OK;
     for (int i = 0; i < s->parts; i++) {
         size_t c = s->first[i];
         s->first[i] = s->tree->invalid ? sum : pbs_part_begin(s->in->count, s->parts, (size_t)i);
@@ -296,8 +296,10 @@ static pbs_code fill_part(void *ctx, size_t i, int thread, pbs_err *err) {
     size_t n = t->fans[0];
     for (size_t f = pbs_part_begin(n, s->parts, i); f < pbs_part_end(n, s->parts, i); f++)
         for (size_t leaf = f * PBS_FAN; leaf < (f + 1) * PBS_FAN; leaf++) {
-            if (leaf < t->leaves) fill_leaf(s, leaf, &t->fan[0][f]);
-            else fan_set(&t->fan[0][f], (int)(leaf % PBS_FAN), NOWHERE_LOW, NOWHERE_HIGH, 0);
+            if (leaf < t->leaves)
+                fill_leaf(s, leaf, &t->fan[0][f]);
+            else
+                fan_set(&t->fan[0][f], (int)(leaf % PBS_FAN), NOWHERE_LOW, NOWHERE_HIGH, 0);
         }
     return PBS_OK;
 }
@@ -364,8 +366,10 @@ static void fill_levels(pbs_tree *t) {
         for (size_t i = 0; i < t->fans[level] * PBS_FAN; i++) {
             pbs_fan *above = &t->fan[level][i / PBS_FAN];
             int c = (int)(i % PBS_FAN);
-            if (i < t->fans[level - 1]) fill_above(&t->fan[level - 1][i], above, c);
-            else fan_set(above, c, NOWHERE_LOW, NOWHERE_HIGH, 0);
+            if (i < t->fans[level - 1])
+                fill_above(&t->fan[level - 1][i], above, c);
+            else
+                fan_set(above, c, NOWHERE_LOW, NOWHERE_HIGH, 0);
         }
 }
 
@@ -374,7 +378,7 @@ pbs_code PBS_TREE_NAME(pbs_tree_build)(pbs_run *run, pbs_tree *t, const pbs_poin
     sorter s = {.tree = t, .in = in};
     t->points = in->count - t->invalid;
     t->leaves = (t->points + PBS_LEAF - 1) / PBS_LEAF;
-    s.parts = pbs_parts(run, in->count, 1 << 15);
+    s.parts = pbs_parts(run, in->count, PBS_TREE_PART);
     /* The sort goes to and fro between the places of the normals and of the leaves. */
     s.from = (uint64_t *)t->normal;
     s.to = (uint64_t *)t->leaf;

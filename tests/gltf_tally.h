@@ -156,9 +156,17 @@ static inline void tally_skip(void *ctx, pbs_skip kind, uint64_t count) {
 static inline void tally_begin(tally *t) {
     memset(t, 0, sizeof *t);
     t->run.threads = 1;
-    t->sink = (pbs_sink){t,          &t->run,          tally_texture,  tally_missing,
-                         tally_material, tally_part_begin, tally_triangle, tally_part_end,
-                         tally_assembly, tally_root,       tally_skip};
+    t->sink = (pbs_sink){t,
+                         &t->run,
+                         tally_texture,
+                         tally_missing,
+                         tally_material,
+                         tally_part_begin,
+                         tally_triangle,
+                         tally_part_end,
+                         tally_assembly,
+                         tally_root,
+                         tally_skip};
 }
 static inline void tally_end(tally *t) {
     for (uint32_t i = 0; i < t->node_count; i++) {

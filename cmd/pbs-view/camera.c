@@ -162,6 +162,41 @@ pbs_code pbs_camera_parse(pbs_camera *out, const char *text, pbs_err *err) {
     return PBS_OK;
 }
 
+static void place_eye(pbs_camera *c) {
+    for (int k = 0; k < 3; k++) c->eye[k] = c->target[k] + c->unit * c->back[k];
+    complete(c);
+}
+
+void pbs_camera_orbit(pbs_camera *c, double dx, double dy) {
+    double height = dot(c->back, c->world_up), turn = -3 * dx;
+    double lift = asin(height > 1 ? 1 : height < -1 ? -1 : height);
+    double higher = lift + 3 * dy, most = 89.5 * RADIANS;
+    higher = higher > most ? most : higher < -most ? -most : higher;
+    double flat[3], side[3];
+    cross(flat, c->right, c->world_up); /* horizontal, towards the eye */
+    cross(side, c->world_up, flat);
+    for (int k = 0; k < 3; k++)
+        c->back[k] = cos(higher) * (cos(turn) * flat[k] + sin(turn) * side[k]) +
+                     sin(higher) * c->world_up[k];
+    normalise(c->back);
+    place_eye(c);
+}
+
+void pbs_camera_pan(pbs_camera *c, double dx, double dy) {
+    double scale = 2 * c->tan_half * c->unit;
+    for (int k = 0; k < 3; k++) c->target[k] += scale * (-dx * c->right[k] + dy * c->up[k]);
+    place_eye(c);
+}
+
+void pbs_camera_dolly(pbs_camera *c, double steps) {
+    double unit = c->unit * pow(0.9, steps);
+    /* As near as doubles tell the eye from the target, and as far. */
+    double reach = fmax(fabs(c->target[0]), fmax(fabs(c->target[1]), fabs(c->target[2])));
+    if (!(unit > 1e-12 * reach) || !(unit > 1e-290) || !(unit < 1e290)) return;
+    c->unit = unit;
+    place_eye(c);
+}
+
 void pbs_camera_place(double out[12], const pbs_camera *c, const double m[12]) {
     const double *axis[3] = {c->right, c->up, c->back};
     double t[12];

@@ -37,6 +37,12 @@ void pbs_camera_frame(pbs_camera *out, const pbs_box *box, const pbs_camera_desc
  * degrees (30). Errors: PBS_USAGE. */
 pbs_code pbs_camera_parse(pbs_camera *out, const char *text, pbs_err *err);
 
+/* For the mouse; dx and dy are shares of the window's height. Orbit turns around the target and
+ * stops before the pole; pan moves the target along; a dolly step of 1 goes a tenth nearer. */
+void pbs_camera_orbit(pbs_camera *camera, double dx, double dy);
+void pbs_camera_pan(pbs_camera *camera, double dx, double dy);
+void pbs_camera_dolly(pbs_camera *camera, double steps);
+
 /* out takes the coordinates that m takes to the world to view coordinates instead. */
 void pbs_camera_place(double out[12], const pbs_camera *camera, const double m[12]);
 

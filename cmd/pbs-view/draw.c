@@ -251,20 +251,31 @@ pbs_code pbs_canvas_surfels(pbs_canvas *c, const pbs_surfels *nodes, size_t coun
     return pbs_gl_check(gl, "surfels", err);
 }
 
+/* The framebuffer that holds one sample a pixel. */
+static GLuint resolve(pbs_canvas *c) {
+    GLint w = (GLint)c->width, h = (GLint)c->height;
+    if (c->samples < 2) return c->draw.frame;
+    c->gl->BlitNamedFramebuffer(c->draw.frame, c->resolved.frame, 0, 0, w, h, 0, 0, w, h,
+                                GL_COLOR_BUFFER_BIT, GL_NEAREST);
+    return c->resolved.frame;
+}
+
+pbs_code pbs_canvas_present(pbs_canvas *c, pbs_err *err) {
+    GLint w = (GLint)c->width, h = (GLint)c->height;
+    /* The window's first row is the lowest. */
+    c->gl->BlitNamedFramebuffer(resolve(c), 0, 0, 0, w, h, 0, h, w, 0, GL_COLOR_BUFFER_BIT,
+                                GL_NEAREST);
+    return pbs_gl_check(c->gl, "showing the picture", err);
+}
+
 pbs_code pbs_canvas_end(pbs_canvas *c, pbs_image *out, pbs_err *err) {
     const pbs_gl *gl = c->gl;
     GLint w = (GLint)c->width, h = (GLint)c->height;
-    GLuint frame = c->draw.frame;
     *out = (pbs_image){c->width, c->height, NULL};
     pbs_code code =
         pbs_alloc(c->run, &out->rgba, (size_t)c->width * c->height, 4, "the picture", err);
     if (code) return code;
-    if (c->samples > 1) {
-        frame = c->resolved.frame;
-        gl->BlitNamedFramebuffer(c->draw.frame, frame, 0, 0, w, h, 0, 0, w, h, GL_COLOR_BUFFER_BIT,
-                                 GL_NEAREST);
-    }
-    gl->BindFramebuffer(GL_READ_FRAMEBUFFER, frame);
+    gl->BindFramebuffer(GL_READ_FRAMEBUFFER, resolve(c));
     gl->PixelStorei(GL_PACK_ALIGNMENT, 4);
     gl->ReadPixels(0, 0, w, h, GL_RGBA, GL_UNSIGNED_BYTE, out->rgba);
     code = pbs_gl_check(gl, "reading the picture", err);

@@ -82,6 +82,9 @@ typedef struct pbs_meshes {
 /* Errors: PBS_LIMIT for a texture that is too large for the device, and for memory. */
 pbs_code pbs_canvas_meshes(pbs_canvas *canvas, const pbs_meshes *scene, pbs_err *err);
 
+/* The picture onto the window whose context is current; the caller swaps the buffers. */
+pbs_code pbs_canvas_present(pbs_canvas *canvas, pbs_err *err);
+
 /* out->rgba belongs to the caller: pbs_free. rgb is the finished picture on its background, alpha
  * is coverage: 0 where nothing was drawn. Rows top down. */
 pbs_code pbs_canvas_end(pbs_canvas *canvas, pbs_image *out, pbs_err *err);

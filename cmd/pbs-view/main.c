@@ -2,9 +2,12 @@
 #include "cmd/notes.h"
 #include "cmd/pbs-view/draw.h"
 #include "cmd/pbs-view/show.h"
+#include "cmd/pbs-view/window.h"
 #include "cmd/tool.h"
 #include "formats/image.h"
 #include <stdio.h>
+
+static const char *const axes[] = {"x", "y", "z", NULL};
 
 static const pbs_option table[] = {
     {'s', "shot", PBS_TEXT, offsetof(pbs_show_options, shot), "FILE",
@@ -21,6 +24,8 @@ static const pbs_option table[] = {
      "of the picture (default 768)", 16, 16384, NULL, false},
     {0, "camera", PBS_TEXT, offsetof(pbs_show_options, camera), "E,T[,U][,FOV]",
      "eye, target, up and field of view (default: all in view)", 0, 0, NULL, false},
+    {0, "up", PBS_CHOICE, offsetof(pbs_show_options, up), "AXIS", "what points up without --camera",
+     0, 0, axes, false},
     {0, "samples", PBS_COUNT, offsetof(pbs_show_options, samples), "N",
      "samples a pixel, 1 to 4 (default 4, or what the device has)", 1, 4, NULL, false},
     {0, "device", PBS_TEXT, offsetof(pbs_show_options, device), "WHICH",
@@ -43,7 +48,8 @@ static pbs_code shoot(pbs_app *app, const pbs_show_options *o, pbs_show *show, p
     rc = pbs_canvas_new(run, &gl,
                         &(pbs_canvas_desc){(uint32_t)o->width, (uint32_t)o->height, (int)o->samples},
                         &canvas, err);
-    if (!rc) rc = pbs_show_draw(show, canvas, &show->camera, err);
+    pbs_show_view view = pbs_show_first_view(show);
+    if (!rc) rc = pbs_show_draw(show, canvas, &view, err);
     if (!rc) rc = pbs_canvas_end(canvas, &image, err);
     if (!rc) rc = pbs_image_write(run, o->shot, &image, err);
     if (!rc && app->common.verbose) pbs_note(app, "device %s", gl.device);
@@ -56,10 +62,10 @@ static pbs_code shoot(pbs_app *app, const pbs_show_options *o, pbs_show *show, p
 static pbs_code work(pbs_app *app, void *opt, pbs_err *err) {
     const pbs_show_options *o = opt;
     pbs_show show;
-    if (!o->shot) return pbs_fail(err, PBS_USAGE, "give --shot FILE");
     pbs_code rc = pbs_show_open(&app->run, o, pbs_operand(app, 0), &show, err);
     if (rc) return rc;
-    rc = shoot(app, o, &show, err);
+    rc = o->shot ? shoot(app, o, &show, err)
+                 : pbs_window_run(&show, pbs_operand(app, 0) ? pbs_operand(app, 0) : "pbs-view", err);
     if (!rc) {
         pbs_stat_count(app, "nodes", show.drawn_nodes);
         pbs_stat_count(app, "surfels", show.drawn_surfels);
@@ -71,6 +77,6 @@ static pbs_code work(pbs_app *app, void *opt, pbs_err *err) {
 }
 
 int main(int argc, char **argv) {
-    pbs_show_options o = {.width = 1024, .height = 768, .surfel_size = 2, .device = ""};
+    pbs_show_options o = {.width = 1024, .height = 768, .surfel_size = 2, .up = 1, .device = ""};
     return pbs_tool_main(argc, argv, &tool, &o, work);
 }

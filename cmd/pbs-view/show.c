@@ -24,6 +24,7 @@ pbs_code pbs_show_open(pbs_run *run, const pbs_show_options *o, const char *path
     if (!rc && !o->geometry) s->box = s->archive.nodes[s->archive.node_count - 1].box;
     if (!rc) {
         pbs_camera_desc d = {.aspect = (double)o->width / (double)o->height};
+        d.up[o->up] = 1;
         pbs_camera_frame(&s->camera, &s->box, &d);
         if (o->camera) rc = pbs_camera_parse(&s->camera, o->camera, err);
     }
@@ -35,7 +36,8 @@ pbs_code pbs_show_open(pbs_run *run, const pbs_show_options *o, const char *path
 
 typedef struct cut {
     pbs_show *show;
-    const pbs_camera *camera;
+    const pbs_show_view *view;
+    double aspect;
     size_t count;
 } cut;
 
@@ -53,8 +55,9 @@ static void choose(const cut *c, const pbs_node *n, const double m[12], pbs_surf
     if (o->prefix) {
         out->prefix = o->prefix < s.count ? (uint32_t)o->prefix : s.count;
     } else {
-        double depth = pbs_cut_depth(c->camera, (double)o->width / (double)o->height, &n->box, m);
-        double wanted = pbs_cut_wanted(c->camera, (unsigned)o->height, depth, o->surfel_size, m);
+        const pbs_show_view *v = c->view;
+        double depth = pbs_cut_depth(&v->camera, c->aspect, &n->box, m);
+        double wanted = pbs_cut_wanted(&v->camera, v->height, depth, v->surfel_size, m);
         out->prefix = pbs_cut_prefix(&s, wanted);
     }
     out->radius = pbs_cut_radius(&s, out->prefix);
@@ -68,9 +71,7 @@ static pbs_code visit(void *ctx, uint32_t id, const double m[12], bool *descend,
     const pbs_node *n = &a->nodes[id];
     if (!a->records[id]) return PBS_OK;
     *descend = false;
-    const pbs_show_options *o = s->options;
-    if (!pbs_cut_visible(c->camera, (double)o->width / (double)o->height, &n->box, n->covering, m))
-        return PBS_OK;
+    if (!pbs_cut_visible(&c->view->camera, c->aspect, &n->box, n->covering, m)) return PBS_OK;
     pbs_code rc = pbs_grow(s->run, &s->list, &s->list_cap, c->count + 1, sizeof *s->list,
                            "the list of what is drawn", err);
     if (rc) return rc;
@@ -87,9 +88,9 @@ static pbs_code visit(void *ctx, uint32_t id, const double m[12], bool *descend,
     return PBS_OK;
 }
 
-static pbs_code draw_archive(pbs_show *s, pbs_canvas *canvas, const pbs_camera *camera,
+static pbs_code draw_archive(pbs_show *s, pbs_canvas *canvas, const pbs_show_view *view,
                              pbs_err *err) {
-    cut c = {s, camera, 0};
+    cut c = {s, view, (double)view->width / (double)view->height, 0};
     pbs_code rc = pbs_dag_walk(s->run, s->archive.nodes, s->archive.node_count, visit, &c, err);
     return rc ? rc : pbs_canvas_surfels(canvas, s->list, c.count, err);
 }
@@ -102,12 +103,17 @@ static pbs_code draw_scene(pbs_show *s, pbs_canvas *canvas, pbs_err *err) {
     return pbs_canvas_meshes(canvas, &m, err);
 }
 
-pbs_code pbs_show_draw(pbs_show *s, pbs_canvas *canvas, const pbs_camera *camera, pbs_err *err) {
-    pbs_frame frame = {.camera = *camera};
+pbs_show_view pbs_show_first_view(const pbs_show *s) {
+    const pbs_show_options *o = s->options;
+    return (pbs_show_view){s->camera, (uint32_t)o->width, (uint32_t)o->height, o->surfel_size};
+}
+
+pbs_code pbs_show_draw(pbs_show *s, pbs_canvas *canvas, const pbs_show_view *view, pbs_err *err) {
+    pbs_frame frame = {.camera = view->camera};
     s->drawn_nodes = s->drawn_surfels = s->drawn_triangles = 0;
     pbs_code rc = pbs_canvas_begin(canvas, &frame, err);
     if (rc) return rc;
-    return s->options->geometry ? draw_scene(s, canvas, err) : draw_archive(s, canvas, camera, err);
+    return s->options->geometry ? draw_scene(s, canvas, err) : draw_archive(s, canvas, view, err);
 }
 
 void pbs_show_close(pbs_show *s) {

@@ -11,6 +11,7 @@ typedef struct pbs_show_options {
     const char *shot, *camera, *device;
     uint64_t prefix, width, height, samples;
     double surfel_size;
+    int up; /* 0, 1, 2: x, y, z */
     bool geometry, ignore_missing;
 } pbs_show_options;
 
@@ -31,7 +32,16 @@ typedef struct pbs_show {
 /* options are borrowed until close. */
 pbs_code pbs_show_open(pbs_run *run, const pbs_show_options *options, const char *path,
                        pbs_show *out, pbs_err *err);
-/* Clears the canvas and draws; the caller ends it. */
-pbs_code pbs_show_draw(pbs_show *show, pbs_canvas *canvas, const pbs_camera *camera, pbs_err *err);
+/* What may change from picture to picture. */
+typedef struct pbs_show_view {
+    pbs_camera camera;
+    uint32_t width, height;
+    double surfel_size;
+} pbs_show_view;
+/* As the options have it. */
+pbs_show_view pbs_show_first_view(const pbs_show *show);
+
+/* Clears the canvas and draws; the caller ends or presents it. */
+pbs_code pbs_show_draw(pbs_show *show, pbs_canvas *canvas, const pbs_show_view *view, pbs_err *err);
 void pbs_show_close(pbs_show *show);
 #endif

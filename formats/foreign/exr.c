@@ -30,8 +30,8 @@ static pbs_code add_part(exr_context_t c, const pbs_exr_part *part, pbs_err *err
     exr_result_t rc;
     if (!part->width || !part->height || part->width > MAX_SIDE || part->height > MAX_SIDE ||
         part->plane_count < 1)
-        return pbs_fail(err, PBS_DATA, "part %s: %u x %u with %d channels", part->name,
-                        part->width, part->height, part->plane_count);
+        return pbs_fail(err, PBS_DATA, "part %s: %u x %u with %d channels", part->name, part->width,
+                        part->height, part->plane_count);
     if ((rc = exr_add_part(c, part->name, EXR_STORAGE_SCANLINE, &p)) ||
         (rc = exr_initialize_required_attr_simple(c, p, (int)part->width, (int)part->height,
                                                   EXR_COMPRESSION_ZIP)))
@@ -192,8 +192,7 @@ static pbs_code read_header(reading *r, exr_storage_t *storage, pbs_err *err) {
     for (int i = 0; i < r->channels->num_channels; i++) {
         const exr_attr_chlist_entry_t *e = &r->channels->entries[i];
         if (e->x_sampling != 1 || e->y_sampling != 1)
-            return pbs_fail(err, PBS_DATA, "channel %s is subsampled: not supported",
-                            e->name.str);
+            return pbs_fail(err, PBS_DATA, "channel %s is subsampled: not supported", e->name.str);
     }
     r->x0 = box.min.x, r->y0 = box.min.y;
     r->width = (uint32_t)width, r->height = (uint32_t)height;
@@ -202,8 +201,7 @@ static pbs_code read_header(reading *r, exr_storage_t *storage, pbs_err *err) {
 
 typedef pbs_code exr_sink(void *ctx, const pbs_exr_part *part, pbs_err *err);
 
-static pbs_code hand_over(pbs_run *run, const reading *r, exr_sink *sink, void *ctx,
-                          pbs_err *err) {
+static pbs_code hand_over(pbs_run *run, const reading *r, exr_sink *sink, void *ctx, pbs_err *err) {
     const char *name = NULL;
     int n = r->channels->num_channels;
     pbs_exr_part part = {"", r->width, r->height, NULL, n};
@@ -212,9 +210,8 @@ static pbs_code hand_over(pbs_run *run, const reading *r, exr_sink *sink, void *
     if (code) return code;
     for (int i = 0; i < n; i++) {
         const exr_attr_chlist_entry_t *e = &r->channels->entries[i];
-        part.planes[i] =
-            (pbs_exr_plane){e->name.str, r->data + (size_t)i * r->width * r->height, 1,
-                            e->pixel_type == EXR_PIXEL_HALF};
+        part.planes[i] = (pbs_exr_plane){e->name.str, r->data + (size_t)i * r->width * r->height, 1,
+                                         e->pixel_type == EXR_PIXEL_HALF};
     }
     code = sink(ctx, &part, err);
     pbs_free(run, part.planes);
@@ -233,8 +230,7 @@ static pbs_code read_part(pbs_run *run, reading *r, exr_sink *sink, void *ctx, p
     size_t floats = (size_t)r->width * r->height * (size_t)r->channels->num_channels;
     code = pbs_alloc(run, &r->data, floats, sizeof *r->data, "the planes of an EXR part", err);
     if (!code)
-        code = storage == EXR_STORAGE_TILED ? read_tiles(run, r, err)
-                                            : read_scanlines(run, r, err);
+        code = storage == EXR_STORAGE_TILED ? read_tiles(run, r, err) : read_scanlines(run, r, err);
     if (!code) code = hand_over(run, r, sink, ctx, err);
     if (r->begun) exr_decoding_destroy(r->c, &r->decoder);
     pbs_free(run, r->data);
@@ -265,5 +261,5 @@ static pbs_code exr_read(pbs_run *run, const char *path, exr_sink *sink, void *c
     return code;
 }
 
-__attribute__((visibility("default"))) const pbs_module_exr pbs_module = {
-    PBS_MODULE_ABI, exr_write, exr_read};
+__attribute__((visibility("default")))
+const pbs_module_exr pbs_module = {PBS_MODULE_ABI, exr_write, exr_read};

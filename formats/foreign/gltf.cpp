@@ -21,14 +21,25 @@ reader::reader(const char *path, const pbs_sink *sink, pbs_err *err)
 
 /* Extensions that we read, or that change nothing that we read. */
 static bool understood(const std::string &name) {
-    static const char *const exact[] = {
-        "KHR_draco_mesh_compression", "KHR_mesh_quantization",  "KHR_texture_transform",
-        "EXT_mesh_gpu_instancing",    "KHR_lights_punctual",    "KHR_animation_pointer",
-        "EXT_texture_webp",           "EXT_texture_avif",       "EXT_mesh_features",
-        "EXT_structural_metadata",    "EXT_instance_features",  "CESIUM_primitive_outline",
-        "EXT_lights_image_based",     "EXT_lights_ies",         "KHR_audio",
-        "KHR_node_selectability",     "KHR_node_hoverability",  "KHR_xmp_json_ld",
-        "KHR_xmp"};
+    static const char *const exact[] = {"KHR_draco_mesh_compression",
+                                        "KHR_mesh_quantization",
+                                        "KHR_texture_transform",
+                                        "EXT_mesh_gpu_instancing",
+                                        "KHR_lights_punctual",
+                                        "KHR_animation_pointer",
+                                        "EXT_texture_webp",
+                                        "EXT_texture_avif",
+                                        "EXT_mesh_features",
+                                        "EXT_structural_metadata",
+                                        "EXT_instance_features",
+                                        "CESIUM_primitive_outline",
+                                        "EXT_lights_image_based",
+                                        "EXT_lights_ies",
+                                        "KHR_audio",
+                                        "KHR_node_selectability",
+                                        "KHR_node_hoverability",
+                                        "KHR_xmp_json_ld",
+                                        "KHR_xmp"};
     for (const char *e : exact)
         if (name == e) return true;
     return name.compare(0, 14, "KHR_materials_") == 0;
@@ -120,8 +131,8 @@ uint32_t reader::instances(int n, const value &ext, uint32_t part) {
     }
     const std::string &name = model_.nodes[(size_t)n].name;
     uint32_t id = PBS_NONE;
-    check(sink_->assembly(sink_->ctx, name.empty() ? nullptr : name.c_str(), children.data(),
-                          count, &id, err_));
+    check(sink_->assembly(sink_->ctx, name.empty() ? nullptr : name.c_str(), children.data(), count,
+                          &id, err_));
     return id;
 }
 
@@ -214,8 +225,7 @@ std::vector<int> reader::root_nodes(std::string &name) {
     std::vector<int> roots;
     for (size_t i = 0; i < child.size(); i++)
         if (!child[i]) roots.push_back((int)i);
-    if (roots.empty() && !child.empty())
-        fail(err_, PBS_DATA, "node 0: the hierarchy has a cycle");
+    if (roots.empty() && !child.empty()) fail(err_, PBS_DATA, "node 0: the hierarchy has a cycle");
     return roots;
 }
 
@@ -267,5 +277,5 @@ static pbs_code import(const char *path, const void *data, size_t size, const pb
 
 } // namespace pbs::gltf
 
-extern "C" __attribute__((visibility("default"))) const pbs_module_gltf pbs_module = {
-    PBS_MODULE_ABI, pbs::gltf::import};
+extern "C" __attribute__((visibility("default")))
+const pbs_module_gltf pbs_module = {PBS_MODULE_ABI, pbs::gltf::import};

@@ -119,9 +119,7 @@ struct primitive {
     uint32_t material = PBS_NONE;
     uint64_t corners = 0, triangles = 0; /* corners: those that triangles use */
 
-    uint64_t corner(uint64_t i) const {
-        return index ? load_index(index.at(i), index.type) : i;
-    }
+    uint64_t corner(uint64_t i) const { return index ? load_index(index.at(i), index.type) : i; }
     /* The three corners of triangle t. */
     void triangle(uint64_t t, uint64_t out[3]) const;
 };
@@ -177,8 +175,10 @@ class reader {
             body();
         } catch (const failure &e) {
             if (e.code != PBS_DATA) throw;
-            if (name.empty()) pbs_fail_in(err_, "%s %d", what, i);
-            else pbs_fail_in(err_, "%s %d (%.100s)", what, i, name.c_str());
+            if (name.empty())
+                pbs_fail_in(err_, "%s %d", what, i);
+            else
+                pbs_fail_in(err_, "%s %d (%.100s)", what, i, name.c_str());
             throw;
         }
     }

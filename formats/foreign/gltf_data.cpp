@@ -23,7 +23,8 @@ bool mapping::open(const std::string &path) {
     void *p = MAP_FAILED;
     if (fstat(fd, &st) == 0 && S_ISREG(st.st_mode) && st.st_size > 0)
         p = mmap(nullptr, (size_t)st.st_size, PROT_READ, MAP_PRIVATE, fd, 0);
-    else errno = EINVAL;
+    else
+        errno = EINVAL;
     int keep = errno;
     close(fd);
     errno = keep;
@@ -33,7 +34,9 @@ bool mapping::open(const std::string &path) {
 }
 
 static int hex_digit(char c) {
-    return c >= '0' && c <= '9' ? c - '0' : (c | 32) >= 'a' && (c | 32) <= 'f' ? (c | 32) - 'a' + 10 : -1;
+    return c >= '0' && c <= '9'                 ? c - '0'
+           : (c | 32) >= 'a' && (c | 32) <= 'f' ? (c | 32) - 'a' + 10
+                                                : -1;
 }
 
 static std::string percent_decode(const std::string &s) {
@@ -48,8 +51,8 @@ static std::string percent_decode(const std::string &s) {
 }
 
 static bool has_scheme(const std::string &uri) {
-    size_t n = uri.find_first_not_of(
-        "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+-.");
+    size_t n =
+        uri.find_first_not_of("ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+-.");
     return n != uri.npos && n > 0 && uri[n] == ':';
 }
 
@@ -90,8 +93,8 @@ const bytes &reader::buffer(int i) {
              e.fallback ? ": EXT_meshopt_compression is not supported" : "");
     }
     if (b.view.size < e.length)
-        fail(err_, PBS_DATA, "buffer %d has %llu bytes of %llu: it is cut off", i,
-             (ull)b.view.size, (ull)e.length);
+        fail(err_, PBS_DATA, "buffer %d has %llu bytes of %llu: it is cut off", i, (ull)b.view.size,
+             (ull)e.length);
     b.view.size = e.length;
     b.loaded = true;
     return b.view;
@@ -114,12 +117,16 @@ bytes reader::slice(int view, uint64_t offset, uint64_t length) {
 uint32_t component_size(int type) {
     switch (type) {
     case TINYGLTF_COMPONENT_TYPE_BYTE:
-    case TINYGLTF_COMPONENT_TYPE_UNSIGNED_BYTE: return 1;
+    case TINYGLTF_COMPONENT_TYPE_UNSIGNED_BYTE:
+        return 1;
     case TINYGLTF_COMPONENT_TYPE_SHORT:
-    case TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT: return 2;
+    case TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT:
+        return 2;
     case TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT:
-    case TINYGLTF_COMPONENT_TYPE_FLOAT: return 4;
-    default: return 0;
+    case TINYGLTF_COMPONENT_TYPE_FLOAT:
+        return 4;
+    default:
+        return 0;
     }
 }
 
@@ -172,7 +179,8 @@ stream reader::open_stream(int accessor) {
             s.data = zeros;
         } else {
             uint64_t stride = a.bufferView >= 0 && a.bufferView < view_count_
-                                  ? model_.bufferViews[(size_t)a.bufferView].byteStride : 0;
+                                  ? model_.bufferViews[(size_t)a.bufferView].byteStride
+                                  : 0;
             s.stride = stride ? stride : s.element;
             uint64_t length = 0;
             if (s.count && (__builtin_mul_overflow(s.count - 1, s.stride, &length) ||
@@ -191,8 +199,10 @@ const uint8_t *stream::at(uint64_t i) const {
     uint32_t width = component_size(where_type);
     while (lo < hi) {
         uint64_t mid = (lo + hi) / 2;
-        if (load_index(where + mid * width, where_type) < i) lo = mid + 1;
-        else hi = mid;
+        if (load_index(where + mid * width, where_type) < i)
+            lo = mid + 1;
+        else
+            hi = mid;
     }
     if (lo < sparse_count && load_index(where + lo * width, where_type) == i)
         return values + lo * element;
@@ -212,15 +222,18 @@ static void convert(const uint8_t *p, int n, bool normalized, double scale, doub
 void stream::get(uint64_t i, double *out) const {
     const uint8_t *p = at(i);
     switch (type) {
-    case TINYGLTF_COMPONENT_TYPE_FLOAT: return convert<float>(p, components, false, 1, out);
-    case TINYGLTF_COMPONENT_TYPE_BYTE: return convert<int8_t>(p, components, normalized, 127, out);
+    case TINYGLTF_COMPONENT_TYPE_FLOAT:
+        return convert<float>(p, components, false, 1, out);
+    case TINYGLTF_COMPONENT_TYPE_BYTE:
+        return convert<int8_t>(p, components, normalized, 127, out);
     case TINYGLTF_COMPONENT_TYPE_UNSIGNED_BYTE:
         return convert<uint8_t>(p, components, normalized, 255, out);
     case TINYGLTF_COMPONENT_TYPE_SHORT:
         return convert<int16_t>(p, components, normalized, 32767, out);
     case TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT:
         return convert<uint16_t>(p, components, normalized, 65535, out);
-    default: return convert<uint32_t>(p, components, normalized, 4294967295.0, out);
+    default:
+        return convert<uint32_t>(p, components, normalized, 4294967295.0, out);
     }
 }
 

@@ -44,12 +44,18 @@ static bool copy_attribute(const draco::Mesh &mesh, const draco::PointAttribute 
 static bool copy_as(int type, const draco::Mesh &mesh, const draco::PointAttribute &a,
                     uint8_t *out) {
     switch (type) {
-    case TINYGLTF_COMPONENT_TYPE_FLOAT: return copy_attribute<float>(mesh, a, out);
-    case TINYGLTF_COMPONENT_TYPE_BYTE: return copy_attribute<int8_t>(mesh, a, out);
-    case TINYGLTF_COMPONENT_TYPE_UNSIGNED_BYTE: return copy_attribute<uint8_t>(mesh, a, out);
-    case TINYGLTF_COMPONENT_TYPE_SHORT: return copy_attribute<int16_t>(mesh, a, out);
-    case TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT: return copy_attribute<uint16_t>(mesh, a, out);
-    default: return copy_attribute<uint32_t>(mesh, a, out);
+    case TINYGLTF_COMPONENT_TYPE_FLOAT:
+        return copy_attribute<float>(mesh, a, out);
+    case TINYGLTF_COMPONENT_TYPE_BYTE:
+        return copy_attribute<int8_t>(mesh, a, out);
+    case TINYGLTF_COMPONENT_TYPE_UNSIGNED_BYTE:
+        return copy_attribute<uint8_t>(mesh, a, out);
+    case TINYGLTF_COMPONENT_TYPE_SHORT:
+        return copy_attribute<int16_t>(mesh, a, out);
+    case TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT:
+        return copy_attribute<uint16_t>(mesh, a, out);
+    default:
+        return copy_attribute<uint32_t>(mesh, a, out);
     }
 }
 
@@ -100,13 +106,14 @@ void reader::decode_draco(const tinygltf::Primitive &p, const tinygltf::Value &e
     struct {
         const char *name;
         stream *s;
-    } attributes[] = {{"POSITION", &out.position}, {"NORMAL", &out.normal},
-                      {nullptr, &out.uv}, {"COLOR_0", &out.colour}};
+    } attributes[] = {{"POSITION", &out.position},
+                      {"NORMAL", &out.normal},
+                      {nullptr, &out.uv},
+                      {"COLOR_0", &out.colour}};
     std::string uv = "TEXCOORD_" + std::to_string(uv_set(p.material));
     for (auto &a : attributes) {
         const tinygltf::Value &id = ext.Get("attributes").Get(a.name ? a.name : uv);
-        if (*a.s && id.IsInt())
-            decode_attribute(run_, mesh, id.GetNumberAsInt(), *a.s, out, err_);
+        if (*a.s && id.IsInt()) decode_attribute(run_, mesh, id.GetNumberAsInt(), *a.s, out, err_);
     }
     array<uint8_t> index(run_, (size_t)mesh.num_faces() * 12, "a decoded mesh", err_);
     for (draco::FaceIndex f(0); f < mesh.num_faces(); ++f)

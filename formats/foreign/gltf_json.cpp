@@ -33,8 +33,10 @@ static void open_glb(document &doc, const uint8_t *p, uint64_t size, pbs_err *er
             fail(err, PBS_DATA, "the chunk at byte %llu is longer than the file",
                  (unsigned long long)at - 8);
         if (!json && kind != 0x4e4f534a) fail(err, PBS_DATA, "the first chunk is not JSON");
-        if (!json) doc.json = {(const char *)p + at, (size_t)length};
-        else if (kind == 0x004e4942 && !doc.bin.data) doc.bin = {p + at, length};
+        if (!json)
+            doc.json = {(const char *)p + at, (size_t)length};
+        else if (kind == 0x004e4942 && !doc.bin.data)
+            doc.bin = {p + at, length};
         json = true;
         at += (length + 3) & ~(uint64_t)3;
     }
@@ -160,10 +162,13 @@ template <class F> static bool each_member(std::string_view text, pbs_err *err, 
 }
 
 static void append_utf8(std::string &out, uint32_t c) {
-    if (c < 0x80) out += (char)c;
-    else if (c < 0x800) (out += (char)(0xc0 | c >> 6)) += (char)(0x80 | (c & 63));
+    if (c < 0x80)
+        out += (char)c;
+    else if (c < 0x800)
+        (out += (char)(0xc0 | c >> 6)) += (char)(0x80 | (c & 63));
     else if (c < 0x10000)
-        ((out += (char)(0xe0 | c >> 12)) += (char)(0x80 | (c >> 6 & 63))) += (char)(0x80 | (c & 63));
+        ((out += (char)(0xe0 | c >> 12)) += (char)(0x80 | (c >> 6 & 63))) +=
+            (char)(0x80 | (c & 63));
     else
         (((out += (char)(0xf0 | c >> 18)) += (char)(0x80 | (c >> 12 & 63))) +=
          (char)(0x80 | (c >> 6 & 63))) += (char)(0x80 | (c & 63));
@@ -193,12 +198,15 @@ std::string unescape(std::string_view s) {
                 i += 6;
             }
             append_utf8(out, u);
-        } else out += f && c ? to[f - from] : c;
+        } else
+            out += f && c ? to[f - from] : c;
     }
     return out;
 }
 
-bool is_data_uri(std::string_view raw) { return raw.substr(0, 5) == "data:"; }
+bool is_data_uri(std::string_view raw) {
+    return raw.substr(0, 5) == "data:";
+}
 
 static int base64_digit(char c) {
     if (c >= 'A' && c <= 'Z') return c - 'A';
@@ -334,8 +342,11 @@ static size_t copy_list(std::string &out, std::string_view list, std::string_vie
 static void mend_utf8(std::string &s) {
     for (size_t i = 0; i < s.size();) {
         auto c = (uint8_t)s[i];
-        size_t n = c < 0x80 ? 1 : c >= 0xc2 && c < 0xe0 ? 2 : c >= 0xe0 && c < 0xf0 ? 3
-                   : c >= 0xf0 && c < 0xf5 ? 4 : 0;
+        size_t n = c < 0x80                ? 1
+                   : c >= 0xc2 && c < 0xe0 ? 2
+                   : c >= 0xe0 && c < 0xf0 ? 3
+                   : c >= 0xf0 && c < 0xf5 ? 4
+                                           : 0;
         bool good = n && i + n <= s.size();
         for (size_t k = 1; good && k < n; k++) good = ((uint8_t)s[i + k] & 0xc0) == 0x80;
         if (good && n >= 3) { /* overlong, surrogate, beyond the last */
@@ -362,8 +373,8 @@ static void mend_numbers(std::string &s) {
             text = !text;
         } else if (c == '.' && !text) {
             size_t end = s.find_first_not_of('0', i + 1);
-            if (end > i + 1 && end < s.size() && !isdigit((unsigned char)s[end]) &&
-                s[end] != 'e' && s[end] != 'E')
+            if (end > i + 1 && end < s.size() && !isdigit((unsigned char)s[end]) && s[end] != 'e' &&
+                s[end] != 'E')
                 c = s[i = end];
         }
         s[to++] = c;
@@ -373,9 +384,9 @@ static void mend_numbers(std::string &s) {
 
 /* The members of the whole that are copied as they are. */
 static bool wanted(std::string_view key) {
-    static const char *const keys[] = {"asset",  "extensionsUsed", "extensionsRequired",
-                                       "scenes", "scene",          "materials",
-                                       "textures", "samplers",     "animations"};
+    static const char *const keys[] = {"asset",    "extensionsUsed", "extensionsRequired",
+                                       "scenes",   "scene",          "materials",
+                                       "textures", "samplers",       "animations"};
     for (const char *k : keys)
         if (key == k) return true;
     return false;

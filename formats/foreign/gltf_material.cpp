@@ -94,8 +94,8 @@ uint32_t reader::image(int i) {
     const image_entry &e = doc_.images[(size_t)i];
     std::string name = e.name.empty() ? "image " + std::to_string(i) : e.name;
     if (e.view >= 0) {
-        bytes b = slice(e.view, 0, e.view < view_count_
-                                       ? model_.bufferViews[(size_t)e.view].byteLength : 0);
+        bytes b = slice(e.view, 0,
+                        e.view < view_count_ ? model_.bufferViews[(size_t)e.view].byteLength : 0);
         check(sink_->texture(sink_->ctx, name.c_str(), b.data, b.size, &id, err_));
     } else if (e.has_uri && is_data_uri(e.uri)) {
         uint64_t size = 0;
@@ -107,7 +107,8 @@ uint32_t reader::image(int i) {
         if (find_file(uri, file))
             check(sink_->texture(sink_->ctx, uri.c_str(), file.view().data, file.view().size, &id,
                                  err_));
-        else check(sink_->missing(sink_->ctx, uri.empty() ? name.c_str() : uri.c_str(), &id, err_));
+        else
+            check(sink_->missing(sink_->ctx, uri.empty() ? name.c_str() : uri.c_str(), &id, err_));
     }
     return id;
 }

@@ -9,9 +9,12 @@ typedef unsigned long long ull;
 
 void primitive::triangle(uint64_t t, uint64_t out[3]) const {
     /* The order of the standard, section 3.7.2.1. */
-    if (mode == TINYGLTF_MODE_TRIANGLES) out[0] = 3 * t, out[1] = 3 * t + 1, out[2] = 3 * t + 2;
-    else if (mode == TINYGLTF_MODE_TRIANGLE_FAN) out[0] = t + 1, out[1] = t + 2, out[2] = 0;
-    else out[0] = t, out[1] = t + 1 + t % 2, out[2] = t + 2 - t % 2;
+    if (mode == TINYGLTF_MODE_TRIANGLES)
+        out[0] = 3 * t, out[1] = 3 * t + 1, out[2] = 3 * t + 2;
+    else if (mode == TINYGLTF_MODE_TRIANGLE_FAN)
+        out[0] = t + 1, out[1] = t + 2, out[2] = 0;
+    else
+        out[0] = t, out[1] = t + 1 + t % 2, out[2] = t + 2 - t % 2;
     for (int k = 0; k < 3; k++) out[k] = corner(out[k]);
 }
 
@@ -29,10 +32,18 @@ bool reader::skip_mode(const tinygltf::Primitive &p) {
     if (p.mode >= TINYGLTF_MODE_TRIANGLES && placed) return false;
     uint64_t n = corner_count(p), less = n ? n - 1 : 0;
     switch (p.mode) {
-    case TINYGLTF_MODE_POINTS: sink_->skip(sink_->ctx, PBS_SKIP_POINTS, n); break;
-    case TINYGLTF_MODE_LINE: sink_->skip(sink_->ctx, PBS_SKIP_LINES, n / 2); break;
-    case TINYGLTF_MODE_LINE_LOOP: sink_->skip(sink_->ctx, PBS_SKIP_LINES, n); break;
-    case TINYGLTF_MODE_LINE_STRIP: sink_->skip(sink_->ctx, PBS_SKIP_LINES, less); break;
+    case TINYGLTF_MODE_POINTS:
+        sink_->skip(sink_->ctx, PBS_SKIP_POINTS, n);
+        break;
+    case TINYGLTF_MODE_LINE:
+        sink_->skip(sink_->ctx, PBS_SKIP_LINES, n / 2);
+        break;
+    case TINYGLTF_MODE_LINE_LOOP:
+        sink_->skip(sink_->ctx, PBS_SKIP_LINES, n);
+        break;
+    case TINYGLTF_MODE_LINE_STRIP:
+        sink_->skip(sink_->ctx, PBS_SKIP_LINES, less);
+        break;
     default: /* triangles without positions */
         sink_->skip(sink_->ctx, PBS_SKIP_POLYGON, n >= 3 ? n / 3 : 1);
     }
@@ -102,8 +113,7 @@ void reader::bound(const primitive &p, pbs_box &box) {
 struct srgb_table {
     uint8_t of[65536];
     srgb_table() {
-        for (int i = 0; i < 65536; i++)
-            of[i] = pbs_unorm8(pbs_linear_to_srgb((float)i / 65535.0f));
+        for (int i = 0; i < 65536; i++) of[i] = pbs_unorm8(pbs_linear_to_srgb((float)i / 65535.0f));
     }
 };
 

@@ -13,8 +13,7 @@ std::string syntax_error(const document &doc) {
         auto keep_nothing = [](int, nlohmann::json::parse_event_t, nlohmann::json &) {
             return false;
         };
-        nlohmann::json rest =
-            nlohmann::json::parse(doc.json.begin(), doc.json.end(), keep_nothing);
+        nlohmann::json rest = nlohmann::json::parse(doc.json.begin(), doc.json.end(), keep_nothing);
     } catch (const std::exception &e) {
         std::string text = e.what();
         size_t prefix = text.find("] ");
@@ -36,9 +35,9 @@ void parse(tinygltf::Model &model, const document &doc, pbs_err *err) {
     model.nodes.reserve(doc.nodes);
     model.meshes.reserve(doc.meshes);
     tinygltf::TinyGLTF loader;
-    bool good = loader.LoadASCIIFromString(&model, &problem, &warning, doc.slim.data(),
-                                           (unsigned)doc.slim.size(), "",
-                                           tinygltf::REQUIRE_VERSION);
+    bool good =
+        loader.LoadASCIIFromString(&model, &problem, &warning, doc.slim.data(),
+                                   (unsigned)doc.slim.size(), "", tinygltf::REQUIRE_VERSION);
     /* tinygltf drops a primitive without a valid list of attributes and goes on. */
     if (good && problem.find("'attributes'") == problem.npos) return;
     std::string text = syntax_error(doc);

@@ -31,16 +31,26 @@ static const char *kind_of(const uint8_t *p, size_t n) {
         const char *bytes;
     };
     static const magic known[] = {
-        {"png", 0, 8, "\x89PNG\r\n\x1a\n"}, {"jpg", 0, 3, "\xff\xd8\xff"},
-        {"webp", 8, 4, "WEBP"},         {"exr", 0, 4, "\x76\x2f\x31\x01"},
-        {"gif", 0, 4, "GIF8"},          {"bmp", 0, 2, "BM"},
-        {"tif", 0, 4, "II*\0"},         {"tif", 0, 4, "MM\0*"},
-        {"dds", 0, 4, "DDS "},          {"psd", 0, 4, "8BPS"},
-        {"hdr", 0, 2, "#?"},            {"jp2", 0, 8, "\0\0\0\x0cjP  "},
-        {"avif", 4, 8, "ftypavif"},     {"heic", 4, 8, "ftypheic"},
-        {"ppm", 0, 2, "P6"},            {"pgm", 0, 2, "P5"},
-        {"ppm", 0, 2, "P3"},            {"pgm", 0, 2, "P2"},
-        {"pbm", 0, 2, "P4"},            {"pbm", 0, 2, "P1"},
+        {"png", 0, 8, "\x89PNG\r\n\x1a\n"},
+        {"jpg", 0, 3, "\xff\xd8\xff"},
+        {"webp", 8, 4, "WEBP"},
+        {"exr", 0, 4, "\x76\x2f\x31\x01"},
+        {"gif", 0, 4, "GIF8"},
+        {"bmp", 0, 2, "BM"},
+        {"tif", 0, 4, "II*\0"},
+        {"tif", 0, 4, "MM\0*"},
+        {"dds", 0, 4, "DDS "},
+        {"psd", 0, 4, "8BPS"},
+        {"hdr", 0, 2, "#?"},
+        {"jp2", 0, 8, "\0\0\0\x0cjP  "},
+        {"avif", 4, 8, "ftypavif"},
+        {"heic", 4, 8, "ftypheic"},
+        {"ppm", 0, 2, "P6"},
+        {"pgm", 0, 2, "P5"},
+        {"ppm", 0, 2, "P3"},
+        {"pgm", 0, 2, "P2"},
+        {"pbm", 0, 2, "P4"},
+        {"pbm", 0, 2, "P1"},
     };
     for (const magic &m : known)
         if (n >= m.at + m.length && !memcmp(p + m.at, m.bytes, m.length)) return m.ending;
@@ -88,8 +98,7 @@ static void fill_channels(uint8_t *p, size_t pixels, int channels) {
     }
 }
 
-static void decode_all(pbs_run *run, const void *data, size_t size, pbs_image *out,
-                       pbs_err *err) {
+static void decode_all(pbs_run *run, const void *data, size_t size, pbs_image *out, pbs_err *err) {
     settle();
     const char *kind = kind_of((const uint8_t *)data, size);
     if (!kind) fail(err, PBS_DATA, "not an image of a known kind");
@@ -135,8 +144,7 @@ static void write_all(const char *path, const pbs_image *image, pbs_err *err) {
         spec.alpha_channel = 3;
         spec.attribute("oiio:UnassociatedAlpha", 1);
     }
-    bool good = out->open(path, spec) &&
-                out->write_image(OIIO::TypeDesc::UINT8, image->rgba, 4);
+    bool good = out->open(path, spec) && out->write_image(OIIO::TypeDesc::UINT8, image->rgba, 4);
     good = out->close() && good;
     if (!good) fail(err, PBS_IO, "%s", out->geterror().c_str());
 }
@@ -147,5 +155,5 @@ static pbs_code write(const char *path, const pbs_image *image, pbs_err *err) {
 
 } // namespace pbs::image
 
-extern "C" __attribute__((visibility("default"))) const pbs_module_image pbs_module = {
-    PBS_MODULE_ABI, pbs::image::decode, pbs::image::write};
+extern "C" __attribute__((visibility("default")))
+const pbs_module_image pbs_module = {PBS_MODULE_ABI, pbs::image::decode, pbs::image::write};

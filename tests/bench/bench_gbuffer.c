@@ -196,6 +196,7 @@ static double raster_only(const scene *s, double pixel, double *snap_ms) {
         vertices = s->draw[d].mesh->vertices > vertices ? s->draw[d].mesh->vertices : vertices;
     pbs_snapped *v = need(aligned_alloc(64, (sizeof *v * vertices + 63) / 64 * 64));
     uint64_t *key = need(malloc((2 * RESOLUTION * RESOLUTION + PBS_KEY_PAD) * sizeof *key));
+    uint32_t *worst = need(malloc(4 * pbs_raster_tiles(RESOLUTION, RESOLUTION)));
     for (int only_snap = 1; only_snap >= 0; only_snap--) {
         start = cpu_ms();
         for (int i = 0; i < 4; i++) {
@@ -215,17 +216,19 @@ static double raster_only(const scene *s, double pixel, double *snap_ms) {
             for (size_t d = 0; d < s->draws; d++) {
                 const pbs_mesh *mesh = s->draw[d].mesh;
                 double m[12];
-                int32_t box[4];
+                pbs_snapped_box box;
                 pbs_pair_project(m, &pair, s->draw[d].m);
-                bool ok = pbs_raster_snap(m, mesh->position, mesh->vertices, r.simd, v, box);
-                if (!only_snap) pbs_raster_draw(&r, v, mesh->index, mesh->triangles, first, ok);
+                bool ok = pbs_raster_snap(m, mesh->position, mesh->vertices, r.simd, v, &box);
+                if (!only_snap && pbs_raster_sees(&r, &box))
+                    pbs_raster_draw(&r, v, mesh->index, mesh->triangles, first, ok);
+                if (!only_snap) pbs_raster_update(&r);
                 first += mesh->triangles;
             }
         }
         if (only_snap) *snap_ms = cpu_ms() - start;
     }
     double ms = cpu_ms() - start;
-    free(v), free(key);
+    free(v), free(key), free(worst);
     return ms - *snap_ms;
 }
 
@@ -247,6 +250,228 @@ static double ours(const scene *s, uint32_t channels, int threads, pbs_gbuffer_s
     return best;
 }
 
+/* ---- the same by software GL ---- */
+
+static const char vertex_glsl[] =
+    "#version 450\n"
+    "layout(location = 0) in vec3 position;\n"
+    "layout(location = 1) in vec2 normal;\n"
+    "layout(location = 2) in vec4 colour;\n"
+    "layout(location = 3) in vec4 row[3];\n"
+    "uniform vec4 view[3];\n"
+    "out vec3 p;\n"
+    "out vec3 n;\n"
+    "out vec4 c;\n"
+    "void main() {\n"
+    "    vec4 q = vec4(position, 1);\n"
+    "    p = vec3(dot(row[0], q), dot(row[1], q), dot(row[2], q));\n"
+    "    vec3 o = vec3(normal, 1 - abs(normal.x) - abs(normal.y));\n"
+    "    float t = max(-o.z, 0);\n"
+    "    o.xy += mix(vec2(t), vec2(-t), greaterThanEqual(o.xy, vec2(0)));\n"
+    "    n = transpose(inverse(mat3(row[0].xyz, row[1].xyz, row[2].xyz))) * normalize(o);\n"
+    "    c = colour;\n"
+    "    gl_Position = vec4(dot(view[0], vec4(p, 1)), dot(view[1], vec4(p, 1)),\n"
+    "                       dot(view[2], vec4(p, 1)), 1);\n"
+    "}\n";
+static const char fragment_glsl[] = "#version 450\n"
+                                    "in vec3 p;\n"
+                                    "in vec3 n;\n"
+                                    "in vec4 c;\n"
+                                    "uniform vec3 toward;\n"
+                                    "layout(location = 0) out vec4 out_p;\n"
+                                    "layout(location = 1) out vec4 out_n;\n"
+                                    "layout(location = 2) out vec4 out_c;\n"
+                                    "void main() {\n"
+                                    "    vec3 m = normalize(n);\n"
+                                    "    out_p = vec4(p, 1);\n"
+                                    "    out_n = vec4(dot(m, toward) < 0 ? -m : m, 0);\n"
+                                    "    out_c = c;\n"
+                                    "}\n";
+
+typedef struct reference {
+    pbs_gl gl;
+    pbs_gl_context *context;
+    GLuint program, array, buffer[5], frame, target[4];
+    GLint view, toward;
+    const scene *s;
+    float *plane[3]; /* RGBA of a view: position and coverage, normal, colour */
+} reference;
+
+static GLuint upload(const pbs_gl *gl, const void *data, size_t bytes) {
+    GLuint b;
+    gl->CreateBuffers(1, &b);
+    gl->NamedBufferStorage(b, (GLsizeiptr)bytes, data, 0);
+    return b;
+}
+
+/* All meshes one after the other in four buffers, and a row of matrices. */
+static void upload_scene(reference *r) {
+    const scene *s = r->s;
+    size_t v = 0, t = 0;
+    for (size_t i = 0; i < s->meshes; i++) v += s->mesh[i].vertices, t += s->mesh[i].triangles;
+    float *position = need(malloc(12 * v)), *matrix = need(malloc(48 * s->draws));
+    int16_t *normal = need(malloc(4 * v));
+    uint8_t *colour = need(malloc(4 * v));
+    uint16_t *index = need(malloc(6 * t));
+    v = t = 0;
+    for (size_t i = 0; i < s->meshes; i++) {
+        const pbs_mesh *m = &s->mesh[i];
+        memcpy(position + 3 * v, m->position, (size_t)12 * m->vertices);
+        memcpy(normal + 2 * v, m->normal, (size_t)4 * m->vertices);
+        memcpy(colour + 4 * v, m->colour, (size_t)4 * m->vertices);
+        memcpy(index + 3 * t, m->index, (size_t)6 * m->triangles);
+        v += m->vertices, t += m->triangles;
+    }
+    for (size_t i = 0; i < 12 * s->draws; i++) matrix[i] = (float)s->draw[i / 12].m[i % 12];
+    const void *data[5] = {position, normal, colour, matrix, index};
+    size_t bytes[5] = {12 * v, 4 * v, 4 * v, 48 * s->draws, 6 * t};
+    for (int i = 0; i < 5; i++) r->buffer[i] = upload(&r->gl, data[i], bytes[i]);
+    free(position), free(normal), free(colour), free(index), free(matrix);
+}
+
+static void describe_vertices(reference *r) {
+    const pbs_gl *gl = &r->gl;
+    const GLsizei stride[4] = {12, 4, 4, 48};
+    gl->CreateVertexArrays(1, &r->array);
+    for (GLuint i = 0; i < 4; i++)
+        gl->VertexArrayVertexBuffer(r->array, i, r->buffer[i], 0, stride[i]);
+    gl->VertexArrayElementBuffer(r->array, r->buffer[4]);
+    gl->VertexArrayAttribFormat(r->array, 0, 3, GL_FLOAT, 0, 0);
+    gl->VertexArrayAttribFormat(r->array, 1, 2, GL_SHORT, 1, 0);
+    gl->VertexArrayAttribFormat(r->array, 2, 4, GL_UNSIGNED_BYTE, 1, 0);
+    for (GLuint i = 0; i < 6; i++) {
+        if (i > 2) gl->VertexArrayAttribFormat(r->array, i, 4, GL_FLOAT, 0, 16 * (i - 3));
+        gl->VertexArrayAttribBinding(r->array, i, i < 3 ? i : 3);
+        gl->EnableVertexArrayAttrib(r->array, i);
+    }
+    gl->VertexArrayBindingDivisor(r->array, 3, 1);
+}
+
+static bool start(reference *r, const scene *s, pbs_err *err) {
+    r->s = s;
+    if (pbs_gl_context_new("sw", &r->context, &r->gl, err)) return false;
+    const pbs_gl *gl = &r->gl;
+    const pbs_gl_stage stage[2] = {{GL_VERTEX_SHADER, {vertex_glsl}},
+                                   {GL_FRAGMENT_SHADER, {fragment_glsl}}};
+    if (pbs_gl_program(gl, "gbuffer", stage, 2, &r->program, err)) return false;
+    r->view = gl->GetUniformLocation(r->program, "view");
+    r->toward = gl->GetUniformLocation(r->program, "toward");
+    upload_scene(r);
+    describe_vertices(r);
+    gl->CreateFramebuffers(1, &r->frame);
+    gl->CreateTextures(GL_TEXTURE_2D, 4, r->target);
+    GLenum colours[3];
+    for (GLuint i = 0; i < 4; i++) {
+        GLenum at = i < 3 ? GL_COLOR_ATTACHMENT0 + i : GL_DEPTH_ATTACHMENT;
+        gl->TextureStorage2D(r->target[i], 1, i < 3 ? GL_RGBA32F : GL_DEPTH_COMPONENT32F,
+                             RESOLUTION, RESOLUTION);
+        gl->NamedFramebufferTexture(r->frame, at, r->target[i], 0);
+        if (i < 3) colours[i] = at, r->plane[i] = need(malloc(16 * RESOLUTION * RESOLUTION));
+    }
+    gl->NamedFramebufferDrawBuffers(r->frame, 3, colours);
+    return pbs_gl_check(gl, "setting up", err) == PBS_OK;
+}
+
+static void stop(reference *r) {
+    for (int i = 0; i < 3; i++) free(r->plane[i]);
+    pbs_gl_context_free(r->context);
+}
+
+/* Draws one view and reads its planes. */
+static void draw_gl(reference *r, const pbs_gbuffer_view *v) {
+    const pbs_gl *gl = &r->gl;
+    const double *axis[3] = {v->right, v->up, v->toward};
+    double scale[3] = {2 / (v->pixel * v->width), 2 / (v->pixel * v->height), -0.5};
+    float row[3][4], toward[3];
+    for (int i = 0; i < 3; i++) {
+        double t = 0;
+        for (int k = 0; k < 3; k++) {
+            row[i][k] = (float)(axis[i][k] * scale[i]);
+            t -= axis[i][k] * scale[i] * (r->s->box.min[k] + r->s->box.max[k]) / 2;
+            toward[k] = (float)v->toward[k];
+        }
+        row[i][3] = (float)t;
+    }
+    gl->BindFramebuffer(GL_FRAMEBUFFER, r->frame);
+    gl->Viewport(0, 0, (GLsizei)v->width, (GLsizei)v->height);
+    gl->Enable(GL_DEPTH_TEST);
+    const float zero[4] = {0, 0, 0, 0}, far = 1;
+    for (GLint i = 0; i < 3; i++) gl->ClearNamedFramebufferfv(r->frame, GL_COLOR, i, zero);
+    gl->ClearNamedFramebufferfv(r->frame, GL_DEPTH, 0, &far);
+    gl->UseProgram(r->program);
+    gl->Uniform4fv(r->view, 3, row[0]);
+    gl->Uniform3fv(r->toward, 1, toward);
+    gl->BindVertexArray(r->array);
+    size_t vertex = 0, index = 0;
+    for (size_t m = 0, d = 0; m < r->s->meshes; m++) {
+        const pbs_mesh *mesh = &r->s->mesh[m];
+        size_t from = d;
+        while (d < r->s->draws && r->s->draw[d].mesh == mesh) d++;
+        gl->DrawElementsInstancedBaseVertexBaseInstance(
+            GL_TRIANGLES, (GLsizei)(3 * mesh->triangles), GL_UNSIGNED_SHORT, (void *)(6 * index),
+            (GLsizei)(d - from), (GLint)vertex, (GLuint)from);
+        vertex += mesh->vertices, index += mesh->triangles;
+    }
+    for (GLenum i = 0; i < 3; i++) {
+        gl->NamedFramebufferReadBuffer(r->frame, GL_COLOR_ATTACHMENT0 + i);
+        gl->ReadPixels(0, 0, (GLsizei)v->width, (GLsizei)v->height, GL_RGBA, GL_FLOAT, r->plane[i]);
+    }
+}
+
+/* ---- do they agree? ---- */
+
+typedef struct agreement {
+    reference *r;
+    size_t covered, only_one, elsewhere;
+    pbs_gbuffer_view view[8]; /* without points */
+} agreement;
+
+static pbs_code agree(void *ctx, const pbs_gbuffer_view *v, pbs_err *err) {
+    agreement *a = ctx;
+    size_t next = 0;
+    (void)err;
+    a->view[v->view] = *v;
+    draw_gl(a->r, v);
+    for (size_t i = 0; i < (size_t)v->width * v->height; i++) {
+        const float *p = a->r->plane[0] + 4 * i;
+        bool theirs = p[3] > 0, mine = next < v->points.count && v->where[next] == i;
+        const float *q = v->points.position + 3 * next;
+        double far = 0;
+        next += mine;
+        a->covered += mine;
+        a->only_one += mine != theirs;
+        if (!mine || !theirs) continue;
+        for (int k = 0; k < 3; k++) far += ((double)p[k] - q[k]) * ((double)p[k] - q[k]);
+        a->elsewhere += far > v->pixel * v->pixel;
+    }
+    return PBS_OK;
+}
+
+static void compare(const scene *s, double mine) {
+    reference r = {0};
+    agreement a = {.r = &r};
+    pbs_err err = {0};
+    pbs_run run = {.threads = 1};
+    pbs_gbuffer_scene in = {.draws = s->draw, .draw_count = s->draws};
+    pbs_gbuffer_params params = {.resolution = RESOLUTION, .box = s->box};
+    double best = 1e30;
+    if (!start(&r, s, &err)) {
+        printf("  software GL left out: %s\n", err.text);
+    } else {
+        pbs_gbuffer(&run, &in, &params, agree, &a, NULL, &err);
+        for (int i = 0; i < 3; i++) {
+            double from = cpu_ms();
+            for (int v = 0; v < 8; v++) draw_gl(&r, &a.view[v]);
+            r.gl.Finish();
+            best = cpu_ms() - from < best ? cpu_ms() - from : best;
+        }
+        printf("  %s: %.0f ms CPU, %.1f times as much\n", r.gl.device, best, best / mine);
+        printf("  of %zu pixels covered, %zu by one of the two only, %zu over a pixel apart\n",
+               a.covered, a.only_one, a.elsewhere);
+    }
+    stop(&r);
+}
+
 static void bench(const scene *s) {
     pbs_gbuffer_stats st;
     double full = ours(s, PBS_NORMAL | PBS_COLOUR, 1, &st),
@@ -264,6 +489,7 @@ static void bench(const scene *s) {
     printf("  %.2f M candidates, %.2f M fragments; %.1f M triangles a second and core, a view\n",
            1e-6 * (double)st.candidates, 1e-6 * (double)st.fragments,
            8e-3 * (double)s->triangles / full);
+    if (getenv("NOGL") == NULL) compare(s, full);
 }
 
 /* An argument picks one scene: 0, 1. */

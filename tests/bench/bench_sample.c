@@ -146,8 +146,8 @@ int main(int argc, char **argv) {
         print(w ? "paper, w = 1" : "paper, w = 0", &paper, 1, 0, spacing);
         p.method = PBS_GREEDY;
         figures two = measure(&c, &p, 2, order, spacing), one = measure(&c, &p, 1, order, spacing);
-        print(w ? "greedy, w = 1" : "greedy, w = 0", &one, paper.cpu / one.cpu,
-              one.wall / two.wall, spacing);
+        print(w ? "greedy, w = 1" : "greedy, w = 0", &one, paper.cpu / one.cpu, one.wall / two.wall,
+              spacing);
     }
     p.method = PBS_RANDOM;
     p.normal_weight = 0;

@@ -45,7 +45,9 @@ static void parse_with(result *r, const pbs_tool *t, const char *line) {
     if (!*line) argc = 1;
     r->rc = pbs_cli_parse(t, argc, r->argv, &r->o, &r->c, &r->err);
 }
-static void parse(result *r, const char *line) { parse_with(r, &tool, line); }
+static void parse(result *r, const char *line) {
+    parse_with(r, &tool, line);
+}
 
 static void expect_error(const char *line, const char *text) {
     result r;
@@ -64,10 +66,14 @@ TEST(defaults_stay) {
 }
 
 TEST(forms) {
-    static const char *const same[] = {"--number=7 --all --text=x f", "--number 7 -a -t x f",
-                                       "-n7 -atx f",                  "f -an 7 -tx",
-                                       "-an7 f --text x",             "-n 1 -tx -n 7 --all f",
-                                       "-atx --number=7 -- f",        "-a -n7 -t x -- f"};
+    static const char *const same[] = {"--number=7 --all --text=x f",
+                                       "--number 7 -a -t x f",
+                                       "-n7 -atx f",
+                                       "f -an 7 -tx",
+                                       "-an7 f --text x",
+                                       "-n 1 -tx -n 7 --all f",
+                                       "-atx --number=7 -- f",
+                                       "-a -n7 -t x -- f"};
     for (size_t i = 0; i < sizeof same / sizeof same[0]; i++) {
         result r;
         parse(&r, same[i]);
@@ -176,7 +182,8 @@ static double number(const char *text, pbs_option_type type) {
     double v = -12345;
     pbs_err err = {0};
     pbs_code rc = pbs_cli_number(text, type, &v, &err);
-    if (rc && (rc != PBS_USAGE || err.code != rc || !strstr(err.text, ": not a number"))) return NAN;
+    if (rc && (rc != PBS_USAGE || err.code != rc || !strstr(err.text, ": not a number")))
+        return NAN;
     return rc ? -1 : v;
 }
 
@@ -185,14 +192,36 @@ TEST(suffixes) {
         const char *text;
         double count, bytes; /* -1: refused */
     } row[] = {
-        {"0", 0, 0},        {"1", 1, 1},           {"007", 7, 7},         {"100k", 1e5, 1e5},
-        {"1.5M", 15e5, 15e5}, {".5k", 500, 500},   {"5.k", 5000, 5000},   {"2G", 2e9, 2e9},
-        {"1Ki", -1, 1024},  {"1ki", -1, 1024},     {"2Mi", -1, 2 << 20},  {"0.5Gi", -1, 1 << 29},
-        {"1K", -1, -1},     {"1m", -1, -1},        {"1g", -1, -1},        {"1T", -1, -1},
-        {"1kk", -1, -1},    {"1kiB", -1, -1},      {"1i", -1, -1},        {"1 k", -1, -1},
-        {"k", -1, -1},      {"1.2Ki", -1, -1},     {"1.0005k", -1, -1},   {"0.1", -1, -1},
-        {"9000000G", 9e15, 9e15}, {"9000001G", -1, -1}, {"1.00", 1, 1},   {"1.0000001", -1, -1},
-        {"1.0000001M", -1, -1}, {"1.0000001G", 1000000100, 1000000100},
+        {"0", 0, 0},
+        {"1", 1, 1},
+        {"007", 7, 7},
+        {"100k", 1e5, 1e5},
+        {"1.5M", 15e5, 15e5},
+        {".5k", 500, 500},
+        {"5.k", 5000, 5000},
+        {"2G", 2e9, 2e9},
+        {"1Ki", -1, 1024},
+        {"1ki", -1, 1024},
+        {"2Mi", -1, 2 << 20},
+        {"0.5Gi", -1, 1 << 29},
+        {"1K", -1, -1},
+        {"1m", -1, -1},
+        {"1g", -1, -1},
+        {"1T", -1, -1},
+        {"1kk", -1, -1},
+        {"1kiB", -1, -1},
+        {"1i", -1, -1},
+        {"1 k", -1, -1},
+        {"k", -1, -1},
+        {"1.2Ki", -1, -1},
+        {"1.0005k", -1, -1},
+        {"0.1", -1, -1},
+        {"9000000G", 9e15, 9e15},
+        {"9000001G", -1, -1},
+        {"1.00", 1, 1},
+        {"1.0000001", -1, -1},
+        {"1.0000001M", -1, -1},
+        {"1.0000001G", 1000000100, 1000000100},
     };
     for (size_t i = 0; i < sizeof row / sizeof row[0]; i++) {
         double c = number(row[i].text, PBS_COUNT), b = number(row[i].text, PBS_BYTES);
@@ -218,17 +247,22 @@ TEST(suffix_decimals) {
 }
 
 TEST(hostile_numbers) {
-    static const char *const never[] = {"",    " ",     ".",    "-",      "+",    "e5",   "1e400",
-                                        "nan", "NaN",   "inf",  "-inf",   "0x10", "1e",   "1e+",
-                                        "1,5", "1.2.3", " 1",   "1 ",     "--1",  "1-1",  "١",
-                                        "1e5k", "1_000", "1\n", "infinity", "1p3", "0x1p3", "1d5"};
+    static const char *const never[] = {
+        "",     " ",    ".",     "-",   "+",        "e5",    "1e400", "nan", "NaN", "inf",
+        "-inf", "0x10", "1e",    "1e+", "1,5",      "1.2.3", " 1",    "1 ",  "--1", "1-1",
+        "١",    "1e5k", "1_000", "1\n", "infinity", "1p3",   "0x1p3", "1d5"};
     for (size_t i = 0; i < sizeof never / sizeof never[0]; i++)
         for (int t = PBS_COUNT; t <= PBS_REAL; t++)
             if (number(never[i], (pbs_option_type)t) != -1) {
                 printf("# \"%s\" is taken as type %d\n", never[i], t);
                 pbs_bad++;
             }
-    static const char *const no_count[] = {"-5", "+5", "1e5", "-0", "1e-3", "10000000000000000",
+    static const char *const no_count[] = {"-5",
+                                           "+5",
+                                           "1e5",
+                                           "-0",
+                                           "1e-3",
+                                           "10000000000000000",
                                            "99999999999999999999999999999999999999999999"};
     for (size_t i = 0; i < sizeof no_count / sizeof no_count[0]; i++)
         for (int t = PBS_COUNT; t <= PBS_BYTES; t++)

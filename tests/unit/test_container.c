@@ -21,7 +21,8 @@ static uint32_t slow_crc(uint32_t crc, const uint8_t *p, size_t n) {
 }
 
 TEST(crc32c) {
-    CHECK(pbs_crc32c(0, "123456789", 9) == 0xe3069283u && slow_crc(0, (uint8_t *)"123456789", 9) == 0xe3069283u);
+    CHECK(pbs_crc32c(0, "123456789", 9) == 0xe3069283u &&
+          slow_crc(0, (uint8_t *)"123456789", 9) == 0xe3069283u);
     uint8_t bytes[512], zeros[32] = {0};
     CHECK(pbs_crc32c(0, zeros, 32) == 0x8a9136aau); /* RFC 3720, B.4 */
     uint64_t seed = 1;
@@ -31,7 +32,8 @@ TEST(crc32c) {
             uint32_t want = slow_crc(0, bytes + align, n);
             CHECK(pbs_crc32c(0, bytes + align, n) == want);
             size_t cut = n * align / 16;
-            CHECK(pbs_crc32c(pbs_crc32c(0, bytes + align, cut), bytes + align + cut, n - cut) == want);
+            CHECK(pbs_crc32c(pbs_crc32c(0, bytes + align, cut), bytes + align + cut, n - cut) ==
+                  want);
         }
     CHECK(pbs_crc32c(0, NULL, 0) == 0);
 }
@@ -51,7 +53,8 @@ static char folder[64];
 static int files_in_folder(void) {
     DIR *d = opendir(folder);
     int n = 0;
-    for (struct dirent *e; (e = readdir(d));) n += strcmp(e->d_name, ".") && strcmp(e->d_name, "..");
+    for (struct dirent *e; (e = readdir(d));)
+        n += strcmp(e->d_name, ".") && strcmp(e->d_name, "..");
     closedir(d);
     return n;
 }
@@ -199,7 +202,8 @@ static void write_chunks(pbs_writer *w, uint64_t from, uint64_t n) {
     for (uint64_t i = from; i < n; i++) {
         size_t size;
         pbs_chunk c = chunk_number(i, payload, &size);
-        pbs_piece piece[3] = {{payload, size / 3}, {NULL, 0}, {payload + size / 3, size - size / 3}};
+        pbs_piece piece[3] = {
+            {payload, size / 3}, {NULL, 0}, {payload + size / 3, size - size / 3}};
         must(pbs_writer_chunk(w, &c, piece, 3, &err), &err);
     }
 }
@@ -216,7 +220,8 @@ static bool is_chunk(const pbs_chunk *c, uint64_t i) {
     pbs_chunk want = chunk_number(i, payload, &n);
     return c->tag == want.tag && c->flags == want.flags && c->node == want.node &&
            c->count == want.count && c->first == want.first && c->bytes == n &&
-           (uintptr_t)c->payload % PBS_ALIGN == 0 && (n ? !memcmp(c->payload, payload, n) : !c->payload);
+           (uintptr_t)c->payload % PBS_ALIGN == 0 &&
+           (n ? !memcmp(c->payload, payload, n) : !c->payload);
 }
 
 static void check_directory(pbs_reader *r, uint64_t n) {
@@ -226,7 +231,8 @@ static void check_directory(pbs_reader *r, uint64_t n) {
     for (size_t i = 0; i < count && count == n; i++) {
         size_t k = (i * 7919 + 5) % count; /* in no order */
         pbs_chunk c;
-        if (!pbs_reader_at(r, &e[k], &c, &err) && is_chunk(&c, k) && c.offset == e[k].offset) continue;
+        if (!pbs_reader_at(r, &e[k], &c, &err) && is_chunk(&c, k) && c.offset == e[k].offset)
+            continue;
         CHECK_NUM(!"chunk behind the directory", k);
         return;
     }
@@ -278,8 +284,10 @@ TEST(front_directory_is_in_front) {
     uint32_t header = pbs_get_u32(b.bytes + HEADER_BYTES_AT);
     CHECK(pbs_get_u32(b.bytes + header) == PBS_TAG_DIR && b.size == c.size);
     CHECK(pbs_get_u32(c.bytes + header) != PBS_TAG_DIR);
-    CHECK(!memcmp(b.bytes, "\x89PBS\r\n\x1a\n", 8) && !memcmp(b.bytes + b.size - 8, "PBS END\n", 8));
-    CHECK(!memcmp(b.bytes + HEADER_FIXED, "pbs scene 1\nchannels some:u8\nstage a test\nstage test\n", 54));
+    CHECK(!memcmp(b.bytes, "\x89PBS\r\n\x1a\n", 8) &&
+          !memcmp(b.bytes + b.size - 8, "PBS END\n", 8));
+    CHECK(!memcmp(b.bytes + HEADER_FIXED,
+                  "pbs scene 1\nchannels some:u8\nstage a test\nstage test\n", 54));
     free(b.bytes), free(c.bytes);
 }
 
@@ -289,8 +297,12 @@ static blob through_fifo(bool front) {
     if (mkfifo(path, 0600)) abort();
     int fd = open(path, O_RDONLY | O_NONBLOCK);
     fcntl(fd, F_SETPIPE_SZ, 1 << 20);
-    pbs_writer_desc d = {.path = path, .kind = PBS_SCENE, .channels = "some:u8",
-                         .history = "stage a test\n", .stage = "test", .front = front ? 1500 : 0};
+    pbs_writer_desc d = {.path = path,
+                         .kind = PBS_SCENE,
+                         .channels = "some:u8",
+                         .history = "stage a test\n",
+                         .stage = "test",
+                         .front = front ? 1500 : 0};
     pbs_writer *w;
     must(pbs_writer_open(&run, &d, &w, &err), &err);
     write_chunks(w, 0, 1500);
@@ -312,8 +324,12 @@ TEST(same_bytes_to_file_and_pipe) {
     for (int front = 0; front < 2; front++) {
         char path[100];
         snprintf(path, sizeof path, "%s/f.pbs", folder);
-        pbs_writer_desc d = {.path = path, .kind = PBS_SCENE, .channels = "some:u8",
-                             .history = "stage a test\n", .stage = "test", .front = front ? 1500 : 0};
+        pbs_writer_desc d = {.path = path,
+                             .kind = PBS_SCENE,
+                             .channels = "some:u8",
+                             .history = "stage a test\n",
+                             .stage = "test",
+                             .front = front ? 1500 : 0};
         pbs_writer *w;
         must(pbs_writer_open(&run, &d, &w, &err), &err);
         write_chunks(w, 0, 1500);
@@ -369,7 +385,8 @@ TEST(small_files_are_whole) {
     for (int k = 0; k < SMALL_KINDS; k++) {
         blob b = small_file(&run, k), again = copy_blob(b);
         for (int piped = 0; piped < 2; piped++)
-            if (check_blob(&run, b, piped, &err)) printf("# %s: %s\n", small_name[k], err.text), pbs_bad++;
+            if (check_blob(&run, b, piped, &err))
+                printf("# %s: %s\n", small_name[k], err.text), pbs_bad++;
         reseal(again); /* does nothing to what is right: the tests below rely on it */
         CHECK(!memcmp(again.bytes, b.bytes, b.size));
         free(b.bytes), free(again.bytes);
@@ -382,8 +399,10 @@ TEST(every_truncation) {
         blob b = small_file(&run, k);
         for (size_t n = 0; n < b.size; n++)
             for (int piped = 0; piped < 2; piped++) {
+                blob cut = {b.bytes, n};
                 err = (pbs_err){0};
-                pbs_code rc = check_blob(&run, (blob){b.bytes, n}, piped, &err);
+                pbs_code rc =
+                    piped ? check_blob(&run, cut, true, &err) : check_guarded(&run, cut, &err);
                 if (rc == PBS_DATA && err.code == PBS_DATA && *err.text) continue;
                 printf("# %s, %zu bytes of %zu, %s: %d\n", small_name[k], n, b.size,
                        piped ? "piped" : "mapped", (int)rc);
@@ -394,38 +413,16 @@ TEST(every_truncation) {
     CHECK(pbs_mem_used(&run) == 0);
 }
 
-/* One map of a memory file, in which the bits are flipped: opening it is all it costs. */
-static void flip_mapped(blob b, const char *name) {
-    int fd = memfd_create("flip", MFD_CLOEXEC);
-    char path[40];
-    snprintf(path, sizeof path, "/proc/self/fd/%d", fd);
-    if (write(fd, b.bytes, b.size) != (ssize_t)b.size) abort();
-    uint8_t *p = mmap(NULL, b.size, PROT_READ | PROT_WRITE, MAP_SHARED, fd, 0);
-    for (size_t bit = 0; bit < 8 * b.size; bit++) {
-        pbs_input in;
-        pbs_checked found;
-        p[bit / 8] ^= (uint8_t)(1 << bit % 8);
-        must(pbs_input_open(&run, path, &in, &err), &err);
-        pbs_code rc = pbs_check_file(&run, &in, &found, &err);
-        p[bit / 8] ^= (uint8_t)(1 << bit % 8);
-        if (rc == PBS_DATA) continue;
-        printf("# %s, mapped: bit %zu of byte %zu: %d\n", name, bit % 8, bit / 8, (int)rc);
-        pbs_bad++;
-    }
-    munmap(p, b.size);
-    close(fd);
-}
-
 TEST(every_flipped_bit) {
     for (int k = 0; k < SMALL_KINDS; k++) {
         blob b = small_file(&run, k);
-        flip_mapped(b, small_name[k]);
-        for (size_t bit = 0; bit < 8 * b.size; bit += 7) { /* comes to every bit of every byte, mod 7 */
+        for (size_t bit = 0; bit < 8 * b.size; bit++) {
             b.bytes[bit / 8] ^= (uint8_t)(1 << bit % 8);
-            pbs_code rc = check_blob(&run, b, true, &err);
+            pbs_code rc = check_guarded(&run, b, &err);
+            if (rc == PBS_DATA && bit % 29 == 0) rc = check_blob(&run, b, true, &err);
             b.bytes[bit / 8] ^= (uint8_t)(1 << bit % 8);
             if (rc == PBS_DATA) continue;
-            printf("# %s, piped: bit %zu of byte %zu: %d\n", small_name[k], bit % 8, bit / 8, (int)rc);
+            printf("# %s: bit %zu of byte %zu: %d\n", small_name[k], bit % 8, bit / 8, (int)rc);
             pbs_bad++;
         }
         free(b.bytes);
@@ -441,7 +438,7 @@ TEST(flipped_bits_with_right_checksums) {
             blob c = copy_blob(b);
             c.bytes[bit / 8] ^= (uint8_t)(1 << bit % 8);
             reseal(c);
-            pbs_code rc = check_blob(&run, c, bit & 1, &err);
+            pbs_code rc = check_guarded(&run, c, &err);
             if (rc && rc != PBS_DATA) printf("# byte %zu: %s\n", bit / 8, err.text), pbs_bad++;
             free(c.bytes);
         }
@@ -497,11 +494,11 @@ TEST(header_messages) {
     expect_text(c, "f: the header is damaged");
     c = copy_blob(b), pbs_put_u32(c.bytes + HEADER_TEXT_AT, 1 << 20), reseal_header(c);
     expect_text(c, "f: the header is damaged");
-    c = copy_blob(b), c.bytes[HEADER_FIXED + 4] = 'x', reseal_header(c);
+    c = copy_blob(b), *strchr((char *)c.bytes + HEADER_FIXED, 's') = 'x', reseal_header(c);
     expect_text(c, "f: a kind of pbs file that this program does not know");
     c = copy_blob(b);
     CHECK(!strcmp(read_text(c, PBS_KIND(PBS_SURFELS) | PBS_KIND(PBS_POINTS), false),
-                  "f: holds scene, which is not what this program reads"));
+                  "f: is a file of kind scene where surfels or points is wanted"));
     pbs_put_u64(c.bytes + HEADER_COMPAT_AT, ~0ull); /* additions that may be ignored */
     pbs_put_u16(c.bytes + HEADER_MINOR_AT, 77);
     reseal_header(c);
@@ -593,7 +590,8 @@ TEST(trailing_bytes_message) {
     blob b = chunks_file(4, false);
     b.bytes = realloc(b.bytes, 2 * b.size);
     memcpy(b.bytes + b.size, b.bytes, b.size);
-    for (size_t extra = 1; extra <= b.size; extra = extra * 4 < b.size || extra == b.size ? extra * 4 : b.size) {
+    for (size_t extra = 1; extra <= b.size;
+         extra = extra * 4 < b.size || extra == b.size ? extra * 4 : b.size) {
         blob c = {malloc(b.size + extra), b.size + extra};
         memcpy(c.bytes, b.bytes, c.size);
         expect_prefix(c, "f: byte ", ": more bytes follow the end of the file");
@@ -671,7 +669,9 @@ TEST(archive_contents) {
         }
         for (int i = 0; i < 3; i++) {
             if (row[k].node[i] == 9) continue;
-            pbs_chunk c = {.tag = PBS_TAG_POINTS, .node = row[k].node[i], .first = row[k].first[i],
+            pbs_chunk c = {.tag = PBS_TAG_POINTS,
+                           .node = row[k].node[i],
+                           .first = row[k].first[i],
                            .count = row[k].count[i]};
             pbs_piece piece = {zeros, c.count * r.stride};
             must(pbs_writer_chunk(w, &c, &piece, 1, &err), &err);

@@ -31,10 +31,14 @@ static void end(void) {
 
 static float value(int part, int channel, uint32_t x, uint32_t y) {
     switch ((x + y) % 7) {
-    case 0: return 0;
-    case 1: return INFINITY;
-    case 2: return -1e-3f;
-    default: return (float)(part + 1) * 1000.25f + (float)channel * 0.125f + (float)x - 3.5f * (float)y;
+    case 0:
+        return 0;
+    case 1:
+        return INFINITY;
+    case 2:
+        return -1e-3f;
+    default:
+        return (float)(part + 1) * 1000.25f + (float)channel * 0.125f + (float)x - 3.5f * (float)y;
     }
 }
 
@@ -64,7 +68,8 @@ static pbs_code look(void *ctx, const pbs_exr_part *part, pbs_err *e) {
     static const char *const channels[] = {"N.Z", "P.X", "P.Y"};
     for (int c = 0; c < part->plane_count && c < 3; c++) {
         const pbs_exr_plane *plane = &part->planes[c];
-        CHECK(!strcmp(plane->channel, channels[c]) && plane->stride == 1 && plane->half == (c == 0));
+        CHECK(!strcmp(plane->channel, channels[c]) && plane->stride == 1 &&
+              plane->half == (c == 0));
         int wrong = 0;
         for (uint32_t y = 0; y < part->height; y++)
             for (uint32_t x = 0; x < part->width; x++) {

@@ -10,17 +10,23 @@ static char *good_text(void) {
         float p[12], n[12];
         uint16_t index[6], where[2];
         float values[6];
-    } d = {{0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 1, 0}, {0}, {0, 1, 2, 2, 1, 3}, {1, 3}, {1, 0, 1, 1, 1, 1}};
+    } d = {
+        {0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 1, 0}, {0}, {0, 1, 2, 2, 1, 3}, {1, 3}, {1, 0, 1, 1, 1, 1}};
     return gltf_text(
         &d, sizeof d,
-        "'scene':0,'scenes':[{'nodes':[0]}],'nodes':[{'children':[1,2]},{'mesh':0},{'mesh':0,'translation':[1,2,3]}],"
-        "'meshes':[{'name':'m','primitives':[{'material':0,'mode':4,'indices':1,'attributes':{'POSITION':0,'NORMAL':2}}]}],"
+        "'scene':0,'scenes':[{'nodes':[0]}],'nodes':[{'children':[1,2]},{'mesh':0},{'mesh':0,'"
+        "translation':[1,2,3]}],"
+        "'meshes':[{'name':'m','primitives':[{'material':0,'mode':4,'indices':1,'attributes':{'"
+        "POSITION':0,'NORMAL':2}}]}],"
         "'materials':[{'pbrMetallicRoughness':{'baseColorTexture':{'index':0}}}],"
-        "'textures':[{'source':0,'sampler':0}],'samplers':[{'wrapS':33071}],'images':[{'bufferView':2}],"
+        "'textures':[{'source':0,'sampler':0}],'samplers':[{'wrapS':33071}],'images':[{'bufferView'"
+        ":2}],"
         "'bufferViews':[{'buffer':0,'byteLength':96},{'buffer':0,'byteOffset':96,'byteLength':16},"
         "{'buffer':0,'byteOffset':112,'byteLength':24}],"
-        "'accessors':[{'bufferView':0,'byteOffset':0,'componentType':5126,'count':4,'type':'VEC3','sparse':{'count':2,"
-        "'indices':{'bufferView':1,'byteOffset':12,'componentType':5123},'values':{'bufferView':2,'byteOffset':0}}},"
+        "'accessors':[{'bufferView':0,'byteOffset':0,'componentType':5126,'count':4,'type':'VEC3','"
+        "sparse':{'count':2,"
+        "'indices':{'bufferView':1,'byteOffset':12,'componentType':5123},'values':{'bufferView':2,'"
+        "byteOffset':0}}},"
         "{'bufferView':1,'byteOffset':0,'componentType':5123,'count':6,'type':'SCALAR'},"
         "{'bufferView':0,'byteOffset':48,'componentType':5126,'count':4,'type':'VEC3'}]");
 }
@@ -72,7 +78,8 @@ TEST(one_wrong_number) {
         {"nodes\":[{", "'mesh':0", "'mesh':1", "mesh 1, but there are 1"},
         {"nodes\":[{", "[1,2,3]", "[1,2]", "node 2: translation has 2 numbers"},
         {"primitives", "'indices':1", "'indices':3", "out of bounds"},
-        {"primitives", "'indices':1", "'indices':0", "primitive 0: indices are not unsigned integers"},
+        {"primitives", "'indices':1", "'indices':0",
+         "primitive 0: indices are not unsigned integers"},
         {"primitives", "'mode':4", "'mode':7", "mesh 0 (m): primitive 0: mode 7"},
         {"primitives", "'attributes'", "'x'", "attributes"},
         {"primitives", "'POSITION':0", "'POSITION':77", "accessor 77, but there are 3"},
@@ -88,28 +95,33 @@ TEST(one_wrong_number) {
         {"bufferViews", "'buffer':0", "'buffer':1", "buffer 1, but there are 1"},
         {"bufferViews", "'buffer':0", "'buffer':-1", "buffer -1"},
         {"bufferViews", "'byteLength':96", "'byteLength':95", "bufferView 0 has 95"},
-        {"bufferViews", "'byteLength':96", "'byteLength':137", "bufferView 0: 137 bytes at 0, but buffer 0 has 136"},
+        {"bufferViews", "'byteLength':96", "'byteLength':137",
+         "bufferView 0: 137 bytes at 0, but buffer 0 has 136"},
         {"bufferViews", "'byteLength':96", "'byteLength':18446744073709551615", "bufferView 0"},
         {"bufferViews", "'byteOffset':96", "'byteOffset':18446744073709551600", "bufferView 1"},
         {"bufferViews", "'byteOffset':96", "'byteOffset':-96", ""},
-        {"accessors", "'bufferView':0", "'bufferView':3", "accessor 0: bufferView 3, but there are 3"},
+        {"accessors", "'bufferView':0", "'bufferView':3",
+         "accessor 0: bufferView 3, but there are 3"},
         {"accessors", "'bufferView':0", "'bufferView':-1", "accessor 0: bufferView -1"},
         {"accessors", "'byteOffset':0", "'byteOffset':18446744073709551615", "are needed"},
         {"accessors", "'byteOffset':0", "'byteOffset':49", "are needed"},
         {"accessors", "5126", "5130", "component type 5130"},
-        {"accessors", "'count':4", "'count':9", "108 bytes at 0 are needed, but bufferView 0 has 96"},
+        {"accessors", "'count':4", "'count':9",
+         "108 bytes at 0 are needed, but bufferView 0 has 96"},
         {"accessors", "'count':4", "'count':1537228672809129302", "elements"},
         {"accessors", "'count':4", "'count':3", "sparse index 3 at place 1"},
         {"accessors", "VEC3", "VEC9", "VEC9"},
         {"sparse", "'count':2", "'count':3", "are needed"},
         {"sparse", "'count':2", "'count':-1", "negative"},
+        {"sparse", "'byteOffset':12", "'byteOffset':4", "sparse index 2 at place 1"},
         {"sparse", "'byteOffset':12", "'byteOffset':10", "sparse index 1 at place 1: out of order"},
         {"sparse", "'byteOffset':12", "'byteOffset':2147483647", "are needed"},
         {"sparse", "'byteOffset':12", "'byteOffset':-4", "negative"},
         {"sparse", "5123", "5126", "sparse indices of type 5126"},
         {"sparse", "'bufferView':2", "'bufferView':-1", "bufferView -1"},
         {"SCALAR", "'count':4", "'count':3", "NORMAL has 3 elements, POSITION has 4"},
-        {"values", "'bufferView':1", "'bufferView':2", "mesh 0 (m): primitive 0: index 16256 at place 1, but there are 4"},
+        {"values", "'bufferView':1", "'bufferView':2",
+         "mesh 0 (m): primitive 0: index 16256 at place 1, but there are 4"},
         {"asset", "2.0", "1.0", "glTF version 1.0 is not supported"},
         {"asset", "'version'", "'x'", "asset.version is missing"},
         {"buffers", ";base64", "", "not base64"},
@@ -119,7 +131,8 @@ TEST(one_wrong_number) {
         {"buffers", "'uri'", "'x'", "buffer 0 has no data"},
         {"],", "'scenes'", "'extensionsRequired':['KHR_lights_punctual','EXT_foo'],'scenes'",
          "needs the extension EXT_foo, which is not supported"},
-        {"],", "'scenes'", "'extensionsRequired':['EXT_meshopt_compression'],'scenes'", "EXT_meshopt_compression"},
+        {"],", "'scenes'", "'extensionsRequired':['EXT_meshopt_compression'],'scenes'",
+         "EXT_meshopt_compression"},
     };
     char *text = good_text();
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
@@ -138,7 +151,8 @@ TEST(harmless_extensions) {
     NEED_GLTF;
     char *text = good_text();
     char *more = changed(text, "],", "'scenes'",
-                         "'extensionsRequired':['KHR_materials_unlit','KHR_materials_anything','KHR_lights_punctual',"
+                         "'extensionsRequired':['KHR_materials_unlit','KHR_materials_anything','"
+                         "KHR_lights_punctual',"
                          "'KHR_texture_transform','KHR_mesh_quantization'],'scenes'");
     CHECK(import_text(more) == PBS_OK);
     free(more);
@@ -156,28 +170,54 @@ TEST(bombs) {
     free(a);
     free(b);
     free(text);
-    char *deep = malloc(2000100), *w = deep + sprintf(deep, "{\"asset\":{\"version\":\"2.0\"},\"extras\":");
-    memset(w, '[', 2000000);
-    w[2000000] = 0;
-    CHECK(import_text(deep) == PBS_DATA);
-    w += 1000000;
-    memset(w, ']', 1000000);
-    memcpy(w + 999999, "}", 2);
+    const int depth = 1000000;
+    char *deep = malloc(2 * (size_t)depth + 100);
+    int n = sprintf(deep, "{\"asset\":{\"version\":\"2.0\"},\"scenes\":[{\"extras\":");
+    memset(deep + n, '[', (size_t)depth);
+    memset(deep + n + depth, ']', (size_t)depth);
+    strcpy(deep + n + 2 * depth, "}]}");
+    CHECK(import_text(deep) == PBS_DATA && strstr(err.text, "nested deeper"));
+    deep[n + depth] = 0;
     CHECK(import_text(deep) == PBS_DATA);
     free(deep);
 }
 
+/* An index that is just one too large. */
+TEST(index_at_the_end) {
+    NEED_GLTF;
+    struct {
+        float p[9];
+        uint8_t index[4];
+    } d = {{0, 0, 0, 1, 0, 0, 0, 1, 0}, {0, 1, 2, 3}};
+    for (int at = 0; at < 2; at++) {
+        char *text = gltf_text(
+            &d, sizeof d,
+            ONE_NODE "'meshes':[{'primitives':[{'indices':1,'attributes':{'POSITION':0}}]}],"
+                     "'bufferViews':[{'buffer':0,'byteLength':40}],"
+                     "'accessors':[{'bufferView':0,'componentType':5126,'count':3,'type':'VEC3'},"
+                     "{'bufferView':0,'byteOffset':%d,'componentType':5121,'count':3,"
+                     "'type':'SCALAR'}]",
+            36 + at);
+        CHECK(import_text(text) == (at ? PBS_DATA : PBS_OK));
+        if (at) CHECK(strstr(err.text, "index 3 at place 2, but there are 3 vertices"));
+        free(text);
+    }
+}
+
 TEST(all_nodes_in_a_cycle) {
     NEED_GLTF;
-    CHECK(import_text("{\"asset\":{\"version\":\"2.0\"},\"nodes\":[{\"children\":[1]},{\"children\":[0]}]}") == PBS_DATA);
+    CHECK(import_text("{\"asset\":{\"version\":\"2.0\"},\"nodes\":[{\"children\":[1]},{"
+                      "\"children\":[0]}]}") == PBS_DATA);
     CHECK(strstr(err.text, "cycle"));
-    CHECK(import_text("{\"asset\":{\"version\":\"2.0\"},\"nodes\":[{\"children\":[0]}]}") == PBS_DATA);
+    CHECK(import_text("{\"asset\":{\"version\":\"2.0\"},\"nodes\":[{\"children\":[0]}]}") ==
+          PBS_DATA);
     CHECK(import_text("{\"asset\":{\"version\":\"2.0\"}}") == PBS_OK); /* an empty scene */
 }
 
 static size_t make_glb(uint8_t *out) {
     static const char json[] =
-        "{\"asset\":{\"version\":\"2.0\"},\"buffers\":[{\"byteLength\":36}],\"nodes\":[{\"mesh\":0}],"
+        "{\"asset\":{\"version\":\"2.0\"},\"buffers\":[{\"byteLength\":36}],\"nodes\":[{\"mesh\":0}"
+        "],"
         "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0}}]}],"
         "\"bufferViews\":[{\"buffer\":0,\"byteLength\":36}],\"accessors\":[{\"bufferView\":0,"
         "\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"}]}";
@@ -230,8 +270,10 @@ TEST(syntax) {
     NEED_GLTF;
     CHECK(import_text("{\"asset\":{\"version\":\"2.0\"},\n\"nodes\":[}") == PBS_DATA);
     CHECK(strstr(err.text, "line 2") != NULL);
-    CHECK(import_text("{\"asset\":{\"version\":\"2.0\"},\"nodes\":[{\"mesh\":1e999}]}") == PBS_DATA);
-    CHECK(import_text("[]") == PBS_DATA && import_text("hello") == PBS_DATA && import_text("{") == PBS_DATA);
+    CHECK(import_text("{\"asset\":{\"version\":\"2.0\"},\"nodes\":[{\"mesh\":1e999}]}") ==
+          PBS_DATA);
+    CHECK(import_text("[]") == PBS_DATA && import_text("hello") == PBS_DATA &&
+          import_text("{") == PBS_DATA);
     CHECK(import_text("{}") == PBS_DATA && strstr(err.text, "asset.version"));
     char *text = good_text();
     size_t n = strlen(text);

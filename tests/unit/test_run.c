@@ -207,16 +207,21 @@ static void enter(line *l, int *flag) {
     if (l->one_thread && !pthread_equal(l->caller, pthread_self()))
         __atomic_fetch_add(&l->wrong, 1, 0);
 }
-static void leave(int *flag) { __atomic_store_n(flag, 0, __ATOMIC_RELAXED); }
+static void leave(int *flag) {
+    __atomic_store_n(flag, 0, __ATOMIC_RELAXED);
+}
 
 static pbs_code fill(void *ctx, void *slot, bool *end, pbs_err *err) {
     line *l = ctx;
     item *it = slot;
     pbs_code rc = PBS_OK;
     enter(l, &l->in_source);
-    if (l->filled == l->source_fails) rc = pbs_fail(err, PBS_IO, "source %d", l->filled);
-    else if (l->filled == l->n) *end = true;
-    else it->i = l->filled, it->squared = -1;
+    if (l->filled == l->source_fails)
+        rc = pbs_fail(err, PBS_IO, "source %d", l->filled);
+    else if (l->filled == l->n)
+        *end = true;
+    else
+        it->i = l->filled, it->squared = -1;
     if (l->filled == l->cancel_at) l->cancel = 1;
     l->filled += !rc && !*end;
     leave(&l->in_source);

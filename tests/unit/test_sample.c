@@ -101,22 +101,53 @@ enum { CLOUDS = 18 };
 static void make(cloud *c, int which) {
     begin(c);
     switch (which) {
-    case 0: return;
-    case 1: add(c, 3, 4, 5, 0, 0, 1); return;
-    case 2: add(c, 1, 1, 1, 0, 0, 1), add(c, 1, 1, 1, 0, 0, -1); return;
-    case 3: cube(c, 700); return;
-    case 4: sphere(c, 900); return;
-    case 5: plate(c, 20, 0.01); return;
-    case 6: plate(c, 18, 0); return;
-    case 7: line(c, 500); return;
-    case 8: clusters(c, 1000); return;
-    case 9: repeated(c, 400); return;
-    case 10: broken(c, 500); return;
-    case 11: scaled(c, 300, 1e-30, 0); return;
-    case 12: scaled(c, 300, 1e30, 0); return;
-    case 13: scaled(c, 300, 3.4e38, 0); return;
-    case 14: scaled(c, 300, 1e-42, 0); return;
-    case 15: scaled(c, 600, 1e-3, 1e4); return;
+    case 0:
+        return;
+    case 1:
+        add(c, 3, 4, 5, 0, 0, 1);
+        return;
+    case 2:
+        add(c, 1, 1, 1, 0, 0, 1), add(c, 1, 1, 1, 0, 0, -1);
+        return;
+    case 3:
+        cube(c, 700);
+        return;
+    case 4:
+        sphere(c, 900);
+        return;
+    case 5:
+        plate(c, 20, 0.01);
+        return;
+    case 6:
+        plate(c, 18, 0);
+        return;
+    case 7:
+        line(c, 500);
+        return;
+    case 8:
+        clusters(c, 1000);
+        return;
+    case 9:
+        repeated(c, 400);
+        return;
+    case 10:
+        broken(c, 500);
+        return;
+    case 11:
+        scaled(c, 300, 1e-30, 0);
+        return;
+    case 12:
+        scaled(c, 300, 1e30, 0);
+        return;
+    case 13:
+        scaled(c, 300, 3.4e38, 0);
+        return;
+    case 14:
+        scaled(c, 300, 1e-42, 0);
+        return;
+    case 15:
+        scaled(c, 600, 1e-3, 1e4);
+        return;
     case 16:
         for (int i = 0; i < 300; i++) add(c, 1e38, -1, 7, 0, 0, 1);
         return;
@@ -208,10 +239,12 @@ static const float weights[] = {0, 1, 0.5f};
 TEST(greedy_is_the_definition) {
     for (int which = 0; which < CLOUDS; which++)
         for (int w = 0; w < 3; w++)
-            for (size_t count = 1; count < 4000; count = count * 3 + 1) {
+            for (size_t count = 1; count < 4000; count = count * 6 + 1) {
                 make(&c, which);
                 int bad = pbs_bad;
-                pbs_sample_params p = {.count = count, .normal_weight = weights[w], .seed = 4,
+                pbs_sample_params p = {.count = count,
+                                       .normal_weight = weights[w],
+                                       .seed = 4,
                                        .node = (uint32_t)which};
                 compare(&p, true);
                 if (pbs_bad > bad)
@@ -223,13 +256,13 @@ TEST(greedy_is_the_definition_for_larger_sets) {
     for (int w = 0; w < 2; w++) {
         begin(&c);
         sphere(&c, MOST);
-        compare(&(pbs_sample_params){.count = 3000, .normal_weight = weights[w], .seed = 1}, true);
+        compare(&(pbs_sample_params){.count = 2000, .normal_weight = weights[w], .seed = 1}, true);
         begin(&c);
         plate(&c, 100, 0.3);
-        compare(&(pbs_sample_params){.count = 2500, .normal_weight = weights[w], .seed = 2}, true);
+        compare(&(pbs_sample_params){.count = 1500, .normal_weight = weights[w], .seed = 2}, true);
         begin(&c);
         clusters(&c, MOST - 1);
-        compare(&(pbs_sample_params){.count = 2000, .normal_weight = weights[w], .seed = 3}, true);
+        compare(&(pbs_sample_params){.count = 1200, .normal_weight = weights[w], .seed = 3}, true);
     }
 }
 
@@ -310,7 +343,8 @@ TEST(heuristics_report_what_brute_force_finds) {
                 for (size_t count = 20; count <= 600; count += 580) {
                     make(&c, which);
                     int bad = pbs_bad;
-                    compare(&(pbs_sample_params){.count = count, .method = (pbs_method)method,
+                    compare(&(pbs_sample_params){.count = count,
+                                                 .method = (pbs_method)method,
                                                  .normal_weight = weights[w],
                                                  .node = (uint32_t)which},
                             false);

@@ -10,7 +10,9 @@ static uint32_t random_bits(void) {
     state = state * 6364136223846793005u + 1442695040888963407u;
     return (uint32_t)(state >> 32);
 }
-static double uniform(double lo, double hi) { return lo + (hi - lo) * (random_bits() / 4294967296.0); }
+static double uniform(double lo, double hi) {
+    return lo + (hi - lo) * (random_bits() / 4294967296.0);
+}
 
 /* ---- boxes and transforms ---- */
 
@@ -73,7 +75,8 @@ TEST(determinant) {
     }
 }
 
-/* The transformed normal is perpendicular to the transformed edges: also mirrored, sheared, flat. */
+/* The transformed normal is perpendicular to the transformed edges: also mirrored, sheared, flat.
+ */
 TEST(cofactor_carries_normals) {
     for (int i = 0; i < 2000; i++) {
         double m[12], cof[9], u[3], v[3], n[3], tu[3], tv[3], tn[3], cross[3];
@@ -146,7 +149,7 @@ TEST(octahedral_bound) {
     for (int i = 0; i < 1000000; i++) {
         float n[3];
         for (int k = 0; k < 3; k++) n[k] = (float)uniform(-1, 1);
-        if (i % 5 == 0) n[i % 3] = 0;             /* edges of the octahedron */
+        if (i % 5 == 0) n[i % 3] = 0;                       /* edges of the octahedron */
         if (i % 7 == 0) n[2] = (float)uniform(-1e-4, 1e-4); /* the fold */
         if (i % 11 == 0) n[0] *= 1e-5f, n[1] *= 1e-5f;      /* the poles */
         if (n[0] == 0 && n[1] == 0 && n[2] == 0) continue;
@@ -183,7 +186,7 @@ TEST(octahedral_axes_are_exact) {
 }
 
 TEST(octahedral_hostile) {
-    static const float bad[][3] = {{0, 0, 0},   {NAN, 0, 0},       {0, NAN, 1},
+    static const float bad[][3] = {{0, 0, 0},   {NAN, 0, 0},      {0, NAN, 1},
                                    {1, 1, NAN}, {INFINITY, 0, 0}, {-INFINITY, NAN, INFINITY}};
     for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
         int16_t o[2];
@@ -225,7 +228,8 @@ TEST(srgb) {
 /* ---- half floats ---- */
 
 static double half_value(uint16_t h) { /* from the definition in IEEE 754 */
-    double v = (h >> 10 & 31) ? ldexp(1024 + (h & 1023), (h >> 10 & 31) - 25) : ldexp(h & 1023, -24);
+    double v =
+        (h >> 10 & 31) ? ldexp(1024 + (h & 1023), (h >> 10 & 31) - 25) : ldexp(h & 1023, -24);
     return h >> 15 ? -v : v;
 }
 
@@ -248,8 +252,10 @@ static uint16_t slow_half(float f) {
     if (v >= half_value(hi)) return sign | hi;
     while (hi - lo > 1) {
         uint16_t mid = (uint16_t)((lo + hi) / 2);
-        if (half_value(mid) <= v) lo = mid;
-        else hi = mid;
+        if (half_value(mid) <= v)
+            lo = mid;
+        else
+            hi = mid;
     }
     double down = v - half_value(lo), up = half_value(hi) - v;
     return sign | (down < up || (down == up && !(lo & 1)) ? lo : hi);

@@ -1,0 +1,99 @@
+/* Throws bytes at the checker of containers, as a map and as a pipe; then the same bytes with all
+ * checksums, sequence numbers and the directory put right, so that what lies behind those is
+ * reached. With -fsanitize=fuzzer this is a fuzzer, without it a program:
+ *
+ *     fuzz_container FILE...        replays files
+ *     fuzz_container --seeds DIR    writes small valid files to begin with
+ */
+#include "formats/archive.h"
+#include "tests/unit/support.h"
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
+
+static pbs_run run = {.threads = 1, .mem_limit = 512 << 20};
+
+/* What passes must be readable, every byte that the structs promise. */
+static void use_archive(blob b) {
+    pbs_archive a;
+    pbs_err err;
+    char path[40];
+    uint32_t sum = 0;
+    int fd = memfd_create("fuzz", MFD_CLOEXEC);
+    snprintf(path, sizeof path, "/proc/self/fd/%d", fd);
+    if (fd < 0 || write(fd, b.bytes, b.size) != (ssize_t)b.size) abort();
+    pbs_code rc = pbs_archive_open(&run, path, &a, &err);
+    close(fd);
+    if (rc) return;
+    for (size_t i = 0; i < a.node_count; i++)
+        sum ^= pbs_crc32c(sum, a.records[i], (size_t)a.nodes[i].records * a.record.stride);
+    pbs_archive_close(&a);
+    if (sum == 1) puts("");
+}
+
+static void use_scene(blob b) {
+    pbs_scene s;
+    pbs_flat flat;
+    pbs_err err;
+    char path[40];
+    int fd = memfd_create("fuzz", MFD_CLOEXEC);
+    snprintf(path, sizeof path, "/proc/self/fd/%d", fd);
+    if (fd < 0 || write(fd, b.bytes, b.size) != (ssize_t)b.size) abort();
+    pbs_code rc = pbs_scene_open(&run, path, NULL, &s, &err);
+    close(fd);
+    if (rc) return;
+    if (!pbs_scene_flatten(&s, &flat, &err)) pbs_free(&run, flat.draws);
+    pbs_scene_close(&s);
+}
+
+/* Both ways of reading take the same files, but that a pipe cannot look into the directory. */
+static void check_both(blob b) {
+    pbs_err err = {0};
+    pbs_code piped = b.size <= 1 << 20 ? check_blob(&run, b, true, &err) : PBS_DATA;
+    pbs_code mapped = check_guarded(&run, b, &err);
+    if (!mapped && piped && b.size <= 1 << 20) abort();
+    if (mapped && (mapped != err.code || !*err.text)) abort();
+    if (pbs_mem_used(&run)) abort();
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
+    if (size > 1 << 20) return 0;
+    blob b = {malloc(size + 1), size};
+    memcpy(b.bytes, data, size);
+    check_both(b);
+    reseal(b);
+    check_both(b);
+    /* text that is no container would be taken for an OBJ file, which is another fuzzer's */
+    if (pbs_is_container(b.bytes, size)) use_archive(b), use_scene(b);
+    if (pbs_mem_used(&run)) abort();
+    free(b.bytes);
+    return 0;
+}
+
+static int write_seeds(const char *folder) {
+    for (int k = 0; k < SMALL_KINDS; k++) {
+        char path[4096];
+        blob b = small_file(&run, k);
+        snprintf(path, sizeof path, "%s/small-%d.pbs", folder, k);
+        FILE *f = fopen(path, "wb");
+        bool ok = f && fwrite(b.bytes, 1, b.size, f) == b.size;
+        if (f && fclose(f)) ok = false;
+        free(b.bytes);
+        if (!ok) return perror(path), 1;
+    }
+    return 0;
+}
+
+/* Weak: the fuzzer's own comes before it. */
+__attribute__((weak)) int main(int argc, char **argv) {
+    if (argc == 3 && !strcmp(argv[1], "--seeds")) return write_seeds(argv[2]);
+    for (int i = 1; i < argc; i++) {
+        const uint8_t *bytes;
+        size_t size;
+        pbs_err err;
+        if (pbs_map_file(argv[i], &bytes, &size, &err)) return puts(err.text), 1;
+        LLVMFuzzerTestOneInput(bytes, size);
+        pbs_unmap_file(bytes, size);
+        printf("%s: survived\n", argv[i]);
+    }
+    return 0;
+}
