@@ -65,13 +65,18 @@ static void keep_best(paper *p, const drawn *x, size_t most) {
 
 /* Draws a random subset to the front of left[], and keeps the farthest of it. */
 static void draw(paper *p, size_t subset, size_t most) {
-    p->bests = 0;
     for (size_t i = 0; i < subset; i++) {
         uint64_t r = pbs_mix64(p->random + p->draws++);
         size_t j = i + pbs_random_below(r, (uint32_t)(p->lefts - i));
-        drawn x = {.id = p->left[j], .at_left = (uint32_t)i};
+        uint32_t id = p->left[j];
         p->left[j] = p->left[i];
-        p->left[i] = x.id;
+        p->left[i] = id;
+        __builtin_prefetch(p->in->position + 3 * (size_t)id);
+        if (p->m->normals) __builtin_prefetch(p->in->normal + 2 * (size_t)id);
+    }
+    p->bests = 0;
+    for (size_t i = 0; i < subset; i++) {
+        drawn x = {.id = p->left[i], .at_left = (uint32_t)i};
         pbs_place_of(p->m, p->in, x.id, &x.at);
         x.d2 = pbs_near_d2(&p->near, &x.at);
         p->gone[i] = x.d2 == 0; /* coincides with a surfel */

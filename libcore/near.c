@@ -42,7 +42,7 @@ static uint32_t bucket_at(const pbs_near *g, const float p[3]) {
 
 /* Sorts what there is by bucket. */
 static void build(pbs_near *g, float spacing) {
-    double side = longest_side(g->m), cell = 2.2 * sqrt((double)spacing);
+    double side = longest_side(g->m), cell = 2.4 * sqrt((double)spacing);
     if (!(cell < side)) cell = side;
     if (!(cell > side * 0x1p-20)) cell = side * 0x1p-20;
     g->cell = cell > 0 ? (float)cell : 1;

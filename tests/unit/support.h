@@ -195,6 +195,36 @@ static inline blob small_scene(pbs_run *run) {
     return take_bytes(w);
 }
 
+/* Chunk number i of a file of chunks that no program knows. */
+static inline pbs_chunk chunk_number(uint64_t i, uint8_t payload[200], size_t *n) {
+    uint64_t seed = i;
+    *n = random_bits(&seed) % 5 ? random_bits(&seed) % 200 : 64 * (i % 2);
+    for (size_t k = 0; k < *n; k++) payload[k] = (uint8_t)random_bits(&seed);
+    return (pbs_chunk){.tag = PBS_TAG('T', 'e', 's', '0' + i % 10),
+                       .flags = (uint32_t)(i * 256),
+                       .node = (uint32_t)(i * 3),
+                       .count = random_bits(&seed),
+                       .first = random_bits(&seed)};
+}
+
+static inline void write_chunks(pbs_writer *w, uint64_t from, uint64_t n) {
+    uint8_t payload[200];
+    pbs_err err = {0};
+    for (uint64_t i = from; i < n; i++) {
+        size_t size;
+        pbs_chunk c = chunk_number(i, payload, &size);
+        pbs_piece piece[3] = {
+            {payload, size / 3}, {NULL, 0}, {payload + size / 3, size - size / 3}};
+        must(pbs_writer_chunk(w, &c, piece, 3, &err), &err);
+    }
+}
+
+static inline blob chunks_file(pbs_run *run, uint64_t n, bool front) {
+    pbs_writer *w = spool_writer(run, PBS_SCENE, "some:u8", front ? n : 0);
+    write_chunks(w, 0, n);
+    return take_bytes(w);
+}
+
 enum { SMALL_SCENE, SMALL_CANDIDATES, SMALL_SURFELS, SMALL_ARCHIVE, SMALL_KINDS };
 static inline blob small_file(pbs_run *run, int which) {
     const uint32_t some = PBS_POSITION | PBS_NORMAL | PBS_COLOUR;
