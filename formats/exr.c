@@ -161,15 +161,21 @@ static void add_point(view *v, size_t i) {
     for (int k = 0; k < 3 && p->colour; k++)
         p->colour[4 * at + k] = pbs_unorm8(pbs_linear_to_srgb(v->plane[6 + k][i]));
     if (p->colour) p->colour[4 * at + 3] = v->plane[9] ? pbs_unorm8(v->plane[9][i]) : 255;
+    for (int k = 0; k < 4 && p->material; k++)
+        p->material[4 * at + k] = k < 2 ? pbs_unorm8(v->plane[10 + k][i]) : 0;
+    for (int k = 0; k < 4 && p->emissive; k++)
+        p->emissive[4 * at + k] =
+            k < 3 ? pbs_unorm8(pbs_linear_to_srgb(v->plane[12 + k][i])) : 0;
 }
 
 /* The planes gathered so far are one view: its covered pixels become candidates. */
 static pbs_code finish_view(view *v, pbs_err *err) {
     if (!has(v, 0, 3) || !has(v, 3, 3))
         return pbs_fail(err, PBS_DATA, "%s: no planes P.X P.Y P.Z and N.X N.Y N.Z", v->path);
-    uint32_t channels = PBS_POSITION | PBS_NORMAL | (has(v, 6, 3) ? PBS_COLOUR : 0u);
+    uint32_t channels = PBS_POSITION | PBS_NORMAL | (has(v, 6, 3) ? PBS_COLOUR : 0u) |
+                        (has(v, 10, 2) ? PBS_MATERIAL : 0u) | (has(v, 12, 3) ? PBS_EMISSIVE : 0u);
     if (*v->channels && *v->channels != channels)
-        return pbs_fail(err, PBS_DATA, "%s: some views have colours and some have none", v->path);
+        return pbs_fail(err, PBS_DATA, "%s: its planes are not those of the views before", v->path);
     *v->channels = channels;
     size_t n = (size_t)v->width * v->height;
     pbs_code rc = pbs_points_grow(v->run, channels, v->points, v->cap, v->points->count + n, err);

@@ -21,7 +21,6 @@ typedef struct layout {
 /* A thread's own. */
 typedef struct bench {
     uint64_t *key;
-    uint32_t *worst;
     pbs_snapped *vertex;
     pbs_resolve_scratch *resolve;
     uint32_t *column;
@@ -149,16 +148,6 @@ static uint32_t widest(const layout *at) {
     return most;
 }
 
-static size_t tile_words(const layout *at) {
-    size_t most = 0;
-    for (int i = 0; i < at->pairs; i++) {
-        uint32_t rows = (at->pair[i].height + at->bands - 1) / at->bands;
-        size_t n = pbs_raster_tiles(at->pair[i].width, rows);
-        most = n > most ? n : most;
-    }
-    return most;
-}
-
 static int thread_count(int threads) {
     return threads < 1 ? 1 : threads > MAX_THREADS ? MAX_THREADS : threads;
 }
@@ -267,16 +256,15 @@ static pbs_code draw_all(job *j, pbs_raster *r, const pbs_pair *pair, pbs_snappe
         const pbs_draw *draw = &j->scene->draws[d];
         const pbs_mesh *mesh = draw->mesh;
         double m[12];
-        pbs_snapped_box box;
+        int32_t box[4];
         if (!mesh->triangles || !mesh->vertices) continue;
         pbs_pair_project(m, pair, draw->m);
-        bool finite = pbs_raster_snap(m, mesh->position, mesh->vertices, r->simd, v, &box);
-        if (!pbs_raster_sees(r, &box)) {
+        bool finite = pbs_raster_snap(m, mesh->position, mesh->vertices, r->simd, v, box);
+        if (!pbs_raster_sees(r, box)) {
         } else if (j->shader.masked)
             draw_mixed(j, r, pair, (uint32_t)d, v, finite);
         else
             pbs_raster_draw(r, v, mesh->index, mesh->triangles, j->first[d], finite);
-        pbs_raster_update(r);
         since += mesh->triangles;
         if (since < CHECK_EVERY && d + 1 < j->scene->draw_count) continue;
         pbs_code rc = pbs_run_check(j->run, err);
@@ -294,9 +282,6 @@ static pbs_code set_up(job *j, bench *b, pbs_err *err) {
     size_t keys = 2 * largest(&j->at, j->at.bands) + PBS_KEY_PAD;
     pbs_code rc = PBS_OK;
     if (!b->key) rc = pbs_alloc(j->run, &b->key, keys, sizeof *b->key, "the depth buffer", err);
-    size_t tiles = tile_words(&j->at);
-    if (!rc && !b->worst)
-        rc = pbs_alloc(j->run, &b->worst, tiles, sizeof *b->worst, "the depth buffer", err);
     if (!rc && !b->vertex)
         rc = pbs_alloc(j->run, &b->vertex, j->vertices, sizeof *b->vertex, "the vertices", err);
     if (!rc && !b->column)
@@ -323,8 +308,7 @@ static pbs_code work(void *ctx, void *item, int thread, pbs_err *err) {
     const pbs_pair *pair = &j->at.pair[s->pair];
     pbs_code rc = set_up(j, b, err);
     if (rc) return rc;
-    pbs_raster r = {
-        .key = b->key, .worst = b->worst, .width = pair->width, .simd = pbs_raster_simd()};
+    pbs_raster r = {.key = b->key, .width = pair->width, .simd = pbs_raster_simd()};
     band_rows(&j->at, s->pair, s->band, &r.y0, &r.y1);
     pbs_raster_clear(&r);
     if ((rc = draw_all(j, &r, pair, b->vertex, err))) return rc;
@@ -383,7 +367,6 @@ static void free_job(job *j) {
     pbs_run *run = j->run;
     for (int i = 0; i < MAX_THREADS; i++) {
         pbs_free(run, j->bench[i].key);
-        pbs_free(run, j->bench[i].worst);
         pbs_free(run, j->bench[i].vertex);
         pbs_free(run, j->bench[i].column);
         pbs_free(run, j->bench[i].resolve);
@@ -423,9 +406,8 @@ size_t pbs_gbuffer_need(const pbs_gbuffer_scene *scene, const pbs_gbuffer_params
     for (size_t i = 0; i < scene->draw_count; i++)
         if (scene->draws[i].mesh->vertices > vertices) vertices = scene->draws[i].mesh->vertices;
     size_t pieces = (size_t)at.pairs * at.bands, head = 128;
-    size_t own = 16 * largest(&at, at.bands) + 8 * PBS_KEY_PAD + 4 * tile_words(&at) +
-                 sizeof(pbs_snapped) * vertices + 4 * (size_t)widest(&at) +
-                 sizeof(pbs_resolve_scratch) + 5 * head;
+    size_t own = 16 * largest(&at, at.bands) + 8 * PBS_KEY_PAD + sizeof(pbs_snapped) * vertices +
+                 4 * (size_t)widest(&at) + sizeof(pbs_resolve_scratch) + 4 * head;
     size_t need = sizeof(job) + 4 * (scene->draw_count + 1) + 2 * head;
     need += pbs_shader_need(scene, params->channels);
     need += (t < pieces ? t : pieces) * own;

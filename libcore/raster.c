@@ -55,22 +55,19 @@ static void snap_one(const double m[12], const float *p, pbs_snapped *o) {
     o->bad = none == 0 ? 0 : -1;
 }
 
-static void box_add(pbs_snapped_box *b, const pbs_snapped *o) {
-    b->x0 = o->x < b->x0 ? o->x : b->x0;
-    b->y0 = o->y < b->y0 ? o->y : b->y0;
-    b->x1 = o->x > b->x1 ? o->x : b->x1;
-    b->y1 = o->y > b->y1 ? o->y : b->y1;
-    b->lo = o->z < b->lo ? o->z : b->lo;
-    b->hi = o->z > b->hi ? o->z : b->hi;
+static void box_add(int32_t box[4], const pbs_snapped *o) {
+    box[0] = o->x < box[0] ? o->x : box[0];
+    box[1] = o->y < box[1] ? o->y : box[1];
+    box[2] = o->x > box[2] ? o->x : box[2];
+    box[3] = o->y > box[3] ? o->y : box[3];
 }
 
-static const pbs_snapped_box nowhere = {1 << 29, 1 << 29, -(1 << 29), -(1 << 29), 1, 0};
-
 bool pbs_raster_snap(const double m[12], const float *position, uint32_t n, bool simd,
-                     pbs_snapped *out, pbs_snapped_box *box) {
+                     pbs_snapped *out, int32_t box[4]) {
     int32_t bad = 0;
     uint32_t i = 0;
-    *box = nowhere;
+    box[0] = box[1] = 1 << 29;
+    box[2] = box[3] = -(1 << 29);
 #ifdef PBS_RASTER_AVX2
     if (simd && n >= 4) {
         i = n & ~3u;
@@ -88,9 +85,9 @@ bool pbs_raster_snap(const double m[12], const float *position, uint32_t n, bool
 }
 
 /* Which pixels' centres a snapped box holds, cut to the band; false: none. */
-static bool cover(const pbs_raster *r, const pbs_snapped_box *box, int32_t px[4]) {
-    int32_t x0 = (box->x0 + 127) >> 8, y0 = (box->y0 + 127) >> 8;
-    int32_t x1 = (box->x1 - 128) >> 8, y1 = (box->y1 - 128) >> 8;
+static bool cover(const pbs_raster *r, const int32_t box[4], int32_t px[4]) {
+    int32_t x0 = (box[0] + 127) >> 8, y0 = (box[1] + 127) >> 8;
+    int32_t x1 = (box[2] - 128) >> 8, y1 = (box[3] - 128) >> 8;
     px[0] = x0 > 0 ? x0 : 0;
     px[1] = y0 > (int32_t)r->y0 ? y0 : (int32_t)r->y0;
     px[2] = x1 < (int32_t)r->width - 1 ? x1 : (int32_t)r->width - 1;
@@ -98,66 +95,24 @@ static bool cover(const pbs_raster *r, const pbs_snapped_box *box, int32_t px[4]
     return px[0] <= px[2] && px[1] <= px[3];
 }
 
-/* The same for what may be drawn, if any of it can be seen. */
-static bool shows(const pbs_raster *r, const pbs_snapped_box *b, int32_t px[4]) {
-    if (!cover(r, b, px)) return false;
-    return !r->culls || !pbs_raster_hides(r, px[0], px[2], px[1], px[3], b->lo, b->hi);
-}
-
-bool pbs_raster_sees(const pbs_raster *r, const pbs_snapped_box *box) {
+bool pbs_raster_sees(const pbs_raster *r, const int32_t box[4]) {
     int32_t px[4];
-    return shows(r, box, px);
+    return cover(r, box, px);
 }
 
-/* ---- what is hidden ---- */
-
-size_t pbs_raster_tiles(uint32_t width, uint32_t rows) {
-    return 2 * (size_t)((width + 7) / 8) * ((rows + 7) / 8);
-}
-
-static void worst_of(const uint64_t *key, size_t stride, uint32_t rows, uint32_t columns,
-                     uint32_t worst[2]) {
-    worst[0] = worst[1] = 0;
-    for (uint32_t y = 0; y < rows; y++)
-        for (uint32_t i = 0; i < 2 * columns; i++) {
-            uint32_t bits = (uint32_t)(key[y * stride + i] >> 32);
-            worst[i & 1] = bits > worst[i & 1] ? bits : worst[i & 1];
-        }
-}
-
-/* A pass over the keys costs about as much as half a fragment a pixel. */
-void pbs_raster_update(pbs_raster *r) {
-    uint32_t rows = r->y1 - r->y0, *worst = r->worst;
-    size_t stride = 2 * (size_t)r->width;
-    if (!worst || r->fragments - r->culled_at < stride * rows) return;
-    for (uint32_t y = 0; y < rows; y += 8)
-        for (uint32_t x = 0; x < r->width; x += 8, worst += 2) {
-            const uint64_t *key = r->key + y * stride + 2 * (size_t)x;
-            uint32_t h = rows - y < 8 ? rows - y : 8, w = r->width - x < 8 ? r->width - x : 8;
-#ifdef PBS_RASTER_AVX2
-            if (r->simd && w == 8) {
-                pbs_raster_worst_avx2(key, stride, h, worst);
-                continue;
-            }
-#endif
-            worst_of(key, stride, h, w, worst);
-        }
-    r->culls = true;
-    r->culled_at = r->fragments;
-}
-
-/* ---- triangles ---- */
-
-static pbs_snapped_box box_of(const pbs_snapped *const v[3]) {
-    pbs_snapped_box b = nowhere;
-    for (int i = 0; i < 3; i++) box_add(&b, v[i]);
-    return b;
+static void box_of(const pbs_snapped *const v[3], int32_t box[4]) {
+    box[0] = box[2] = v[0]->x;
+    box[1] = box[3] = v[0]->y;
+    box_add(box, v[1]);
+    box_add(box, v[2]);
 }
 
 static void depth_range(pbs_raster_plane *p, const pbs_snapped *const v[3]) {
-    pbs_snapped_box b = box_of(v);
+    float a = v[0]->z, b = v[1]->z, c = v[2]->z;
     p->x0 = v[0]->x, p->y0 = v[0]->y;
-    p->z0 = v[0]->z, p->lo = b.lo, p->hi = b.hi;
+    p->z0 = a;
+    p->lo = b < c ? b : c, p->lo = a < p->lo ? a : p->lo;
+    p->hi = b > c ? b : c, p->hi = a > p->hi ? a : p->hi;
 }
 
 /* An edge is inside where e >= 0; e counts pixels, not 1/256 of them: only its sign is asked for,
@@ -230,9 +185,9 @@ static void large_plane(pbs_raster_plane *p, const pbs_snapped *const v[3], int6
 
 void pbs_raster_large(pbs_raster *r, const pbs_snapped *const v[3], uint32_t id,
                       pbs_raster_span span, void *ctx) {
-    int32_t px[4];
-    pbs_snapped_box box = box_of(v);
-    if (!shows(r, &box, px)) return;
+    int32_t box[4], px[4];
+    box_of(v, box);
+    if (!cover(r, box, px)) return;
     int64_t ex[3], ey[3], e[3];
     for (int i = 0; i < 3; i++) {
         const pbs_snapped *a = v[i], *b = v[(i + 1) % 3];
@@ -268,10 +223,10 @@ static void plain_span(pbs_raster *r, const pbs_raster_plane *p, int32_t x0, int
 }
 
 static void draw_one(pbs_raster *r, const pbs_snapped *const v[3], uint32_t id) {
-    int32_t px[4];
-    pbs_snapped_box b = box_of(v);
-    if (!shows(r, &b, px)) return;
-    if (b.x1 - b.x0 < PBS_RASTER_SMALL && b.y1 - b.y0 < PBS_RASTER_SMALL)
+    int32_t box[4], px[4];
+    box_of(v, box);
+    if (!cover(r, box, px)) return;
+    if (box[2] - box[0] < PBS_RASTER_SMALL && box[3] - box[1] < PBS_RASTER_SMALL)
         draw_small(r, v, px, id);
     else
         pbs_raster_large(r, v, id, plain_span, NULL);

@@ -43,44 +43,26 @@ typedef struct pbs_snapped {
     int32_t bad;  /* not 0: not finite */
 } pbs_snapped;
 
-/* Around snapped vertices. */
-typedef struct pbs_snapped_box {
-    int32_t x0, y0, x1, y1;
-    float lo, hi; /* depth */
-} pbs_snapped_box;
-
-/* Where to draw: all of a pair, or a band of its rows.
- *
- * Where a scene is many layers deep, most of it can neither be nearest nor farthest. So for each
- * tile of 8 x 8 pixels the largest keys are noted every now and then, and what lies strictly
- * between them in all its tiles is not drawn. Which fragments are spared depends on the order of
- * drawing and on the bands; what remains in the keys does not. */
+/* Where to draw: all of a pair, or a band of its rows. */
 typedef struct pbs_raster {
     uint64_t *key;      /* near and far of each pixel of the band, then PBS_KEY_PAD more */
     uint32_t width;     /* of the view */
     uint32_t y0, y1;    /* the band: rows y0 .. y1 - 1 */
-    uint32_t *worst;    /* 2 a tile: upper half of the largest near and far key; or NULL */
-    bool culls;         /* whether worst holds something yet */
-    uint64_t culled_at; /* fragments when it was last brought up to date */
     uint64_t fragments; /* counted up: depth tests */
     bool simd;          /* may use AVX2; same bits either way */
 } pbs_raster;
 
 bool pbs_raster_simd(void); /* whether this processor has AVX2 */
-/* Words that `worst` takes. */
-size_t pbs_raster_tiles(uint32_t width, uint32_t rows);
 void pbs_raster_clear(pbs_raster *r);
-/* Brings `worst` up to date if enough has been drawn since the last time to make it worth while. */
-void pbs_raster_update(pbs_raster *r);
 
-/* Projects n positions with a matrix of pbs_pair_project. *box is around all of them. Returns false
- * if there is one that is not finite. Coordinates beyond 2^29 are moved there: the caller's box has
- * nothing to do with the scene then. */
+/* Projects n positions with a matrix of pbs_pair_project. *box is x0, y0, x1, y1 around all of
+ * them. Returns false if there is one that is not finite. Coordinates beyond 2^29 are moved
+ * there: the caller's box has nothing to do with the scene then. */
 bool pbs_raster_snap(const double m[12], const float *position, uint32_t n, bool simd,
-                     pbs_snapped *out, pbs_snapped_box *box);
+                     pbs_snapped *out, int32_t box[4]);
 
-/* Whether a box holds a pixel centre of the band that is not known to be hidden from both sides. */
-bool pbs_raster_sees(const pbs_raster *r, const pbs_snapped_box *box);
+/* Whether a snapped box holds a pixel centre of the band. */
+bool pbs_raster_sees(const pbs_raster *r, const int32_t box[4]);
 
 /* Draws triangles; triangle i has the number first + i. finite: what pbs_raster_snap returned. */
 void pbs_raster_draw(pbs_raster *r, const pbs_snapped *v, const uint16_t *index, uint32_t count,

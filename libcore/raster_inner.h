@@ -54,20 +54,6 @@ static inline float pbs_raster_z(const pbs_raster_plane *p, float row, int32_t x
     return pbs_raster_clamp_z(p, row + dx * p->gx);
 }
 
-/* Whether everything with depth lo .. hi in pixels x0 .. x1, y0 .. y1 of the band loses against
- * what is drawn there already. */
-static inline bool pbs_raster_hides(const pbs_raster *r, int32_t x0, int32_t x1, int32_t y0,
-                                    int32_t y1, float lo, float hi) {
-    uint32_t near = pbs_float_bits(lo), far = PBS_RASTER_FAR - pbs_float_bits(hi);
-    uint32_t tiles = (r->width + 7) / 8;
-    for (uint32_t y = ((uint32_t)y0 - r->y0) / 8; y <= ((uint32_t)y1 - r->y0) / 8; y++)
-        for (uint32_t x = (uint32_t)x0 / 8; x <= (uint32_t)x1 / 8; x++) {
-            const uint32_t *worst = r->worst + 2 * ((size_t)y * tiles + x);
-            if (near <= worst[0] || far <= worst[1]) return false;
-        }
-    return true;
-}
-
 /* One row of a triangle, x0 .. x1, which is not empty. */
 typedef void (*pbs_raster_span)(pbs_raster *r, const pbs_raster_plane *p, int32_t x0, int32_t x1,
                                 int32_t y, uint32_t id, void *ctx);
@@ -78,8 +64,7 @@ void pbs_raster_large(pbs_raster *r, const pbs_snapped *const v[3], uint32_t id,
 
 #ifdef PBS_RASTER_AVX2
 void pbs_raster_snap_avx2(const double m[12], const float *position, uint32_t n, pbs_snapped *out,
-                          pbs_snapped_box *box, int32_t *bad);
-void pbs_raster_worst_avx2(const uint64_t *key, size_t stride, uint32_t rows, uint32_t worst[2]);
+                          int32_t box[4], int32_t *bad);
 void pbs_raster_draw_avx2(pbs_raster *r, const pbs_snapped *v, const uint16_t *index,
                           uint32_t count, uint32_t first);
 #endif

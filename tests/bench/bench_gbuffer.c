@@ -196,7 +196,6 @@ static double raster_only(const scene *s, double pixel, double *snap_ms) {
         vertices = s->draw[d].mesh->vertices > vertices ? s->draw[d].mesh->vertices : vertices;
     pbs_snapped *v = need(aligned_alloc(64, (sizeof *v * vertices + 63) / 64 * 64));
     uint64_t *key = need(malloc((2 * RESOLUTION * RESOLUTION + PBS_KEY_PAD) * sizeof *key));
-    uint32_t *worst = need(malloc(4 * pbs_raster_tiles(RESOLUTION, RESOLUTION)));
     for (int only_snap = 1; only_snap >= 0; only_snap--) {
         start = cpu_ms();
         for (int i = 0; i < 4; i++) {
@@ -216,19 +215,18 @@ static double raster_only(const scene *s, double pixel, double *snap_ms) {
             for (size_t d = 0; d < s->draws; d++) {
                 const pbs_mesh *mesh = s->draw[d].mesh;
                 double m[12];
-                pbs_snapped_box box;
+                int32_t box[4];
                 pbs_pair_project(m, &pair, s->draw[d].m);
-                bool ok = pbs_raster_snap(m, mesh->position, mesh->vertices, r.simd, v, &box);
-                if (!only_snap && pbs_raster_sees(&r, &box))
+                bool ok = pbs_raster_snap(m, mesh->position, mesh->vertices, r.simd, v, box);
+                if (!only_snap && pbs_raster_sees(&r, box))
                     pbs_raster_draw(&r, v, mesh->index, mesh->triangles, first, ok);
-                if (!only_snap) pbs_raster_update(&r);
                 first += mesh->triangles;
             }
         }
         if (only_snap) *snap_ms = cpu_ms() - start;
     }
     double ms = cpu_ms() - start;
-    free(v), free(key), free(worst);
+    free(v), free(key);
     return ms - *snap_ms;
 }
 

@@ -458,6 +458,7 @@ TEST(any_number_of_threads) {
     for (int threads = 2; threads < 20; threads += threads < 5 ? 1 : 7) {
         result more = draw_shape(&s, 200, PBS_NORMAL | PBS_COLOUR, threads);
         CHECK_NUM(same(&one, &more), threads);
+        CHECK(one.stats.fragments == more.stats.fragments);
         drop(&more);
     }
     drop(&one);
@@ -476,8 +477,8 @@ TEST(vector_and_plain_code) {
         v[i] = aligned_alloc(64, (s.mesh.vertices * sizeof **v + 63) / 64 * 64);
         key[i] = malloc(keys * sizeof **key);
         pbs_raster r = {.key = key[i], .width = 200, .y0 = 20, .y1 = 190, .simd = i};
-        pbs_snapped_box box;
-        CHECK(pbs_raster_snap(m, s.position, s.mesh.vertices, i, v[i], &box));
+        int32_t box[4];
+        CHECK(pbs_raster_snap(m, s.position, s.mesh.vertices, i, v[i], box));
         pbs_raster_clear(&r);
         pbs_raster_draw(&r, v[i], s.index, s.mesh.triangles, 7, true);
         fragments[i] = r.fragments;
