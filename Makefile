@@ -2,6 +2,7 @@
 # make demo       build, and take a real CAD assembly through the whole path to pictures
 # make test       build, and run every test; the last line is "N passed, N failed"
 # make bench      figures, as ratios within one run
+# make fuzz       a minute of damaged files, with clang's fuzzer
 # make lint       layers, headers, man pages, formatting
 # make install    PREFIX=/usr/local DESTDIR=
 # config=release (default) | debug | asan | tsan
@@ -59,7 +60,7 @@ modules += exr
 endif
 missing := $(filter-out $(modules),gltf image exr)
 
-.PHONY: all test demo bench lint install clean deps
+.PHONY: all test demo bench fuzz lint install clean deps
 .SECONDARY:
 all: $(programs) $(modules:%=$(B)/lib/pbs/%.so)
 	@for m in $(missing); do echo "left out: the module $$m: its library is not installed (scripts/deps does that)"; done
@@ -129,6 +130,12 @@ demo: deps
 	@scripts/demo $(B)
 bench: all $(benches)
 	@scripts/bench $(B)
+# Mutates small valid files and looks whether the checker survives; needs clang with libFuzzer.
+fuzz:
+	@mkdir -p build/fuzz/corpus
+	clang -g -O1 -std=c11 -D_GNU_SOURCE -I. -fsanitize=fuzzer,address,undefined -o build/fuzz/container \
+	    tests/fuzz/fuzz_container.c formats/*.c libcore/err.c libcore/run.c libcore/pipe.c libcore/quant.c libcore/polygon.c -lm -ldl -pthread
+	build/fuzz/container -max_total_time=60 -max_len=8192 -timeout=10 build/fuzz/corpus
 lint:
 	@scripts/lint
 

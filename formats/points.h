@@ -36,8 +36,8 @@ pbs_code pbs_points_grow(pbs_run *run, uint32_t channels, pbs_points *p, size_t 
                          pbs_err *err);
 void pbs_points_free(pbs_run *run, pbs_points *p);
 
-/* Writes points first .. first + n - 1 of p as records number `at` on of the node, in chunks of at
- * most `limit` records. lattice: for packed records. */
+/* Writes all points of p as records number `at` on of the node, in chunks of at most `limit`
+ * records. lattice: for packed records. */
 pbs_code pbs_points_write(pbs_run *run, pbs_writer *w, const pbs_record *r, uint32_t node,
                           const pbs_points *p, size_t at, uint32_t limit,
                           const pbs_lattice *lattice, pbs_err *err);

@@ -25,10 +25,9 @@ typedef struct pbs_lanes {
     float p[3][3][PBS_LANES]; /* corners in the part's coordinates */
     int32_t normal[3][PBS_LANES];
     double centre[2][PBS_LANES]; /* of the pixel, in 1/256 pixel */
-    /* Seen from the view, relative to corner 0, in 1/256 pixel: centre, edges, their area. */
-    double d[2][PBS_LANES], a[2][2][PBS_LANES], det[PBS_LANES];
-    double b[3][PBS_LANES];    /* barycentric */
-    int64_t inside[PBS_LANES]; /* 0: a coordinate is negative */
+    /* Seen from the view: the edges from corner 0, in 1/256 pixel, and their area. */
+    double a[2][2][PBS_LANES], det[PBS_LANES];
+    double b[3][PBS_LANES]; /* barycentric */
     float position[3][PBS_LANES];
     int32_t code[PBS_LANES]; /* octahedral normal */
 } pbs_lanes;

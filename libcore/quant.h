@@ -2,7 +2,7 @@
  *
  * A node's positions are integers 0 .. 65535 on a lattice with the same step along all axes, so
  * that distances keep their ratios: position = min + step * integer, relative to the node's
- * origin. The error is at most step / 2 along each axis. Spacing is a half float in units of
+ * origin. The error is at most step / 2 along each axis, before a reader rounds to float. Spacing is a half float in units of
  * 65535 steps (the lattice's side), which keeps its order.
  */
 #ifndef PBS_QUANT_H

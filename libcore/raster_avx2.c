@@ -340,66 +340,33 @@ AVX2_INLINE void fill_narrow(pbs_raster *r, const batch *b, int k, const pbs_ras
     }
 }
 
-/* Where a row of a triangle begins and ends, in pixels from the box, at most a pixel too far out:
- * most of the box of a slanted triangle is outside of it. Lanes 0 .. 2 are the edges. */
-typedef struct slopes {
-    __m128 left, right;       /* 1 / ey of edges that bound the row on that side, else 0 */
-    __m128 no_left, no_right; /* what takes the others out of the comparison */
-} slopes;
-
-AVX2_INLINE slopes find_slopes(const batch *b, int k) {
-    __m128 y = _mm_cvtepi32_ps(_mm_setr_epi32(b->ey[0][k], b->ey[1][k], b->ey[2][k], 0));
-    __m128 zero = _mm_setzero_ps(), inv = _mm_div_ps(_mm_set1_ps(1), y);
-    __m128 left = _mm_cmplt_ps(y, zero), right = _mm_cmpgt_ps(y, zero);
-    return (slopes){_mm_and_ps(left, inv), _mm_and_ps(right, inv),
-                    _mm_andnot_ps(left, _mm_set1_ps(-1e6f)),
-                    _mm_andnot_ps(right, _mm_set1_ps(1e6f))};
-}
-
-AVX2_INLINE void row_ends(const slopes *s, __m128i e, int32_t last, int32_t *x0, int32_t *x1) {
-    const __m128 slack = _mm_set1_ps(0.01f);
-    __m128 f = _mm_cvtepi32_ps(e);
-    __m128 l = _mm_add_ps(_mm_mul_ps(f, s->left), s->no_left);
-    __m128 h = _mm_add_ps(_mm_mul_ps(f, s->right), s->no_right);
-    l = _mm_max_ps(l, _mm_movehl_ps(l, l)), h = _mm_min_ps(h, _mm_movehl_ps(h, h));
-    l = _mm_max_ss(l, _mm_movehdup_ps(l)), h = _mm_min_ss(h, _mm_movehdup_ps(h));
-    l = _mm_max_ss(_mm_ceil_ss(l, _mm_sub_ss(l, slack)), _mm_setzero_ps());
-    h = _mm_min_ss(_mm_floor_ss(h, _mm_add_ss(h, slack)), _mm_set_ss((float)last));
-    *x0 = _mm_cvttss_si32(_mm_min_ss(l, _mm_set_ss(1e6f)));
-    *x1 = _mm_cvttss_si32(_mm_max_ss(h, _mm_set_ss(-1e6f)));
-}
-
 /* A wider box: eight columns at a time. */
 AVX2_INLINE void fill_wide(pbs_raster *r, const batch *b, int k, const pbs_raster_plane *p,
                            uint32_t id) {
-    const int32_t first = b->px0[k], last = b->px1[k] - first, y1 = b->py1[k];
-    const __m256i ids = _mm256_set1_epi32((int32_t)id);
-    __m256i dx[3];
-    __m128i e = _mm_setr_epi32(b->e[0][k], b->e[1][k], b->e[2][k], 0);
-    __m128i up = _mm_setr_epi32(b->ex[0][k], b->ex[1][k], b->ex[2][k], 0);
-    slopes s = find_slopes(b, k);
-#pragma GCC unroll 3
-    for (int i = 0; i < 3; i++) dx[i] = _mm256_mullo_epi32(ramp(), _mm256_set1_epi32(b->ey[i][k]));
+    int32_t x0 = b->px0[k], x1 = b->px1[k], y1 = b->py1[k];
+    __m256i zero = _mm256_setzero_si256(), ids = _mm256_set1_epi32((int32_t)id);
+    __m256i s0 = edge_at(b, 0, k, ramp(), zero), s1 = edge_at(b, 1, k, ramp(), zero);
+    __m256i s2 = edge_at(b, 2, k, ramp(), zero);
+    __m256i dx0 = _mm256_set1_epi32(8 * b->ey[0][k]), dy0 = _mm256_set1_epi32(b->ex[0][k]);
+    __m256i dx1 = _mm256_set1_epi32(8 * b->ey[1][k]), dy1 = _mm256_set1_epi32(b->ex[1][k]);
+    __m256i dx2 = _mm256_set1_epi32(8 * b->ey[2][k]), dy2 = _mm256_set1_epi32(b->ex[2][k]);
     uint64_t drawn = 0;
-    for (int32_t y = b->py0[k]; y <= y1; y++, e = _mm_add_epi32(e, up)) {
-        int32_t x0, x1;
-        row_ends(&s, e, last, &x0, &x1);
-        if (x0 > x1) continue;
+    for (int32_t y = b->py0[k]; y <= y1; y++) {
         float row = pbs_raster_row_z(p, y);
-        uint64_t *key = pbs_raster_at(r, first, y);
+        uint64_t *key = pbs_raster_at(r, 0, y);
+        __m256i e0 = s0, e1 = s1, e2 = s2;
         for (int32_t x = x0; x <= x1; x += 8) {
-            __m256i out = _mm256_setzero_si256();
-#pragma GCC unroll 3
-            for (int i = 0; i < 3; i++) {
-                int32_t at = _mm_extract_epi32(e, i) - x * b->ey[i][k];
-                out = _mm256_or_si256(out, _mm256_sub_epi32(_mm256_set1_epi32(at), dx[i]));
-            }
+            __m256i out = _mm256_or_si256(_mm256_or_si256(e0, e1), e2);
             __m256i in = _mm256_cmpgt_epi32(_mm256_set1_epi32(x1 - x + 1), ramp());
             in = _mm256_andnot_si256(_mm256_srai_epi32(out, 31), in);
             int any = lanes(in);
-            if (any) put_eight(key + 2 * x, eight_z(p, row, centres(first + x)), in, ids);
+            if (any) put_eight(key + 2 * x, eight_z(p, row, centres(x)), in, ids);
             drawn += (uint64_t)__builtin_popcount((unsigned)any);
+            e0 = _mm256_sub_epi32(e0, dx0), e1 = _mm256_sub_epi32(e1, dx1);
+            e2 = _mm256_sub_epi32(e2, dx2);
         }
+        s0 = _mm256_add_epi32(s0, dy0), s1 = _mm256_add_epi32(s1, dy1);
+        s2 = _mm256_add_epi32(s2, dy2);
     }
     r->fragments += drawn;
 }

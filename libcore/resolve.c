@@ -47,41 +47,28 @@ static pbs_placed *placed(pbs_resolve_scratch *s, uint32_t id) {
 
 /* ---- a batch of pixels ---- */
 
-static void aim(bool simd, const pbs_placed *p, pbs_lanes *b, int from, int to) {
+static void solve(bool simd, const pbs_placed *p, pbs_lanes *b, int from, int to, bool normals,
+                  bool odd) {
 #if defined(__x86_64__)
     if (simd) {
-        pbs_resolve_aim_avx2(p, b, from, to);
+        pbs_resolve_solve_avx2(p, b, from, to, normals, odd);
         return;
     }
 #endif
     (void)simd;
-    aim_all(p, b, from, to);
+    solve_all(p, b, from, to, normals, odd);
 }
 
-static void finish(bool simd, const pbs_placed *p, pbs_lanes *b, int from, int to, bool normals,
-                   bool odd) {
-#if defined(__x86_64__)
-    if (simd) {
-        pbs_resolve_finish_avx2(p, b, from, to, normals, odd);
-        return;
-    }
-#endif
-    (void)simd;
-    finish_all(p, b, from, to, normals, odd);
-}
-
-/* The point of the triangle nearest to the pixel's centre, as the view sees both. */
-static void nearest(pbs_lanes *b, int lane) {
-    double p[4][2] = {{0}}, d[2] = {b->d[0][lane], b->d[1][lane]}, best = INFINITY;
+void pbs_resolve_nearest(pbs_lanes *b, int lane, double dx, double dy) {
+    double p[4][2] = {{0}}, best = INFINITY, out[3] = {1, 0, 0};
     for (int i = 0; i < 2; i++)
         for (int k = 0; k < 2; k++) p[i + 1][k] = b->a[i][k][lane];
-    double out[3] = {1, 0, 0};
     for (int i = 0; i < 3; i++) {
         double ex = p[i + 1][0] - p[i][0], ey = p[i + 1][1] - p[i][1];
-        double dx = d[0] - p[i][0], dy = d[1] - p[i][1], l = ex * ex + ey * ey;
-        double t = l > 0 ? (dx * ex + dy * ey) / l : 0;
+        double qx = dx - p[i][0], qy = dy - p[i][1], l = ex * ex + ey * ey;
+        double t = l > 0 ? (qx * ex + qy * ey) / l : 0;
         t = t < 1 ? t : 1, t = t > 0 ? t : 0;
-        double x = dx - t * ex, y = dy - t * ey, far = x * x + y * y;
+        double x = qx - t * ex, y = qy - t * ey, far = x * x + y * y;
         if (!(far < best)) continue;
         best = far;
         out[0] = out[1] = out[2] = 0;
@@ -115,6 +102,7 @@ static void find_corners(const pbs_resolve *set, pbs_lanes *b) {
     for (int i = 0; i < b->count; i++) {
         const pbs_mesh *mesh = b->place[i]->draw->mesh;
         const uint16_t *t = mesh->index + 3 * (size_t)b->triangle[i];
+#pragma GCC unroll 3
         for (int k = 0; k < 3; k++) {
             size_t v = b->corner[k][i] = t[k];
             __builtin_prefetch(mesh->position + 3 * v);
@@ -128,6 +116,7 @@ static void gather(pbs_lanes *b, bool normals, uint32_t y) {
     for (int i = 0; i < b->count + 3; i++) {
         int from = i < b->count ? i : b->count - 1;
         const pbs_mesh *mesh = b->place[from]->draw->mesh;
+#pragma GCC unroll 3
         for (int k = 0; k < 3; k++) {
             size_t v = b->corner[k][from];
             const float *p = mesh->position + 3 * v;
@@ -145,10 +134,7 @@ static void compute(const pbs_resolve_scratch *s, pbs_lanes *b, bool odd) {
     for (int from = 0, to; from < b->count; from = to) {
         const pbs_placed *p = b->place[from];
         for (to = from + 1; to < b->count && b->place[to] == p;) to++;
-        aim(s->simd, p, b, from, to);
-        for (int i = from; i < to; i++)
-            if (!b->inside[i]) nearest(b, i);
-        finish(s->simd, p, b, from, to, normals, odd);
+        solve(s->simd, p, b, from, to, normals, odd);
     }
 }
 
@@ -167,6 +153,7 @@ static void put(const pbs_resolve_scratch *s, uint32_t y, bool odd, pbs_resolve_
     uint32_t width = s->pair->width;
     for (int i = 0; i < b->count; i++) {
         out->where[n + (size_t)i] = y * width + (odd ? width - 1 - b->x[i] : b->x[i]);
+#pragma GCC unroll 3
         for (int k = 0; k < 3; k++)
             to->position[3 * (n + (size_t)i) + (size_t)k] = b->position[k][i];
     }
@@ -182,8 +169,7 @@ void pbs_resolve_one(const pbs_placed *p, uint32_t triangle, uint32_t x, uint32_
     out->place[0] = p, out->triangle[0] = triangle, out->x[0] = x;
     for (int k = 0; k < 3; k++) out->corner[k][0] = t[k];
     gather(out, false, y);
-    aim_all(p, out, 0, 1);
-    if (!out->inside[0]) nearest(out, 0);
+    solve_all(p, out, 0, 1, false, false);
 }
 
 void pbs_resolve_begin(pbs_resolve_scratch *s, const pbs_resolve *set, const pbs_pair *pair) {

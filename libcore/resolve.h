@@ -58,8 +58,11 @@ void pbs_place(pbs_placed *p, const pbs_pair *pair, const pbs_draw *draw, uint32
 void pbs_resolve_one(const pbs_placed *p, uint32_t triangle, uint32_t x, uint32_t y,
                      pbs_lanes *out);
 
-/* resolve_math.h, for lanes from .. to - 1; up to three more are written. */
-void pbs_resolve_aim_avx2(const pbs_placed *p, pbs_lanes *b, int from, int to);
-void pbs_resolve_finish_avx2(const pbs_placed *p, pbs_lanes *b, int from, int to, bool normals,
-                             bool odd);
+/* Barycentric coordinates of the point of the triangle nearest to the pixel's centre, which is
+ * dx, dy from corner 0, as the view sees both. */
+void pbs_resolve_nearest(pbs_lanes *b, int lane, double dx, double dy);
+
+/* resolve_math.h */
+void pbs_resolve_solve_avx2(const pbs_placed *p, pbs_lanes *b, int from, int to, bool normals,
+                            bool odd);
 #endif

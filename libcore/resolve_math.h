@@ -80,29 +80,34 @@ LANE d4 pick(const l4 *which, const d4 *then, const d4 *other) {
     return (d4)((*which & (l4)*then) | (~*which & (l4)*other));
 }
 
-/* Barycentric coordinates of the pixel centres, from the edges as the view sees them. */
-LANE void aim_four(const pbs_placed *p, pbs_lanes *b, int i) {
+typedef struct triangles {
+    d43 o, e, f; /* corner 0, and the edges from it, in the part's coordinates */
+} triangles;
+
+/* Barycentric coordinates of the pixel centres, from the edges as the view sees them. Snapping
+ * puts some centres outside; they are the exception, and are done one by one. */
+LANE void aim_four(const pbs_placed *p, pbs_lanes *b, int i, int to, const triangles *t) {
     const double *v = p->view;
-    d43 o = point(b, 0, i), e1 = edge(b, 1, &o, i), e2 = edge(b, 2, &o, i);
-    d4 dx = *at_d(&b->centre[0][i]) - (row3(v, &o) + v[3]);
-    d4 dy = *at_d(&b->centre[1][i]) - (row3(v + 4, &o) + v[7]);
-    d4 ax = row3(v, &e1), ay = row3(v + 4, &e1), bx = row3(v, &e2), by = row3(v + 4, &e2);
+    d4 dx = *at_d(&b->centre[0][i]) - (row3(v, &t->o) + v[3]);
+    d4 dy = *at_d(&b->centre[1][i]) - (row3(v + 4, &t->o) + v[7]);
+    d4 ax = row3(v, &t->e), ay = row3(v + 4, &t->e), bx = row3(v, &t->f), by = row3(v + 4, &t->f);
     d4 det = ax * by - bx * ay, inv = 1 / det;
     d4 b1 = (dx * by - bx * dy) * inv, b2 = (ax * dy - dx * ay) * inv, b0 = 1 - b1 - b2;
-    *at_d(&b->d[0][i]) = dx, *at_d(&b->d[1][i]) = dy;
     *at_d(&b->a[0][0][i]) = ax, *at_d(&b->a[0][1][i]) = ay;
     *at_d(&b->a[1][0][i]) = bx, *at_d(&b->a[1][1][i]) = by;
     *at_d(&b->det[i]) = det;
     *at_d(&b->b[0][i]) = b0, *at_d(&b->b[1][i]) = b1, *at_d(&b->b[2][i]) = b2;
-    *at_l(&b->inside[i]) = (b0 >= 0) & (b1 >= 0) & (b2 >= 0);
+    l4 in = (b0 >= 0) & (b1 >= 0) & (b2 >= 0);
+    if (in[0] & in[1] & in[2] & in[3]) return;
+    for (int k = 0; k < 4 && i + k < to; k++)
+        if (!in[k]) pbs_resolve_nearest(b, i + k, dx[k], dy[k]);
 }
 
-LANE void place_four(const pbs_placed *p, pbs_lanes *b, int i) {
+LANE void place_four(const pbs_placed *p, pbs_lanes *b, int i, const triangles *t) {
     const double *m = p->draw->m;
-    d43 o = point(b, 0, i), e1 = edge(b, 1, &o, i), e2 = edge(b, 2, &o, i);
     d4 b1 = *at_d(&b->b[1][i]), b2 = *at_d(&b->b[2][i]);
-    d43 q = {o.x + (b1 * e1.x + b2 * e2.x), o.y + (b1 * e1.y + b2 * e2.y),
-             o.z + (b1 * e1.z + b2 * e2.z)};
+    d43 q = {t->o.x + (b1 * t->e.x + b2 * t->f.x), t->o.y + (b1 * t->e.y + b2 * t->f.y),
+             t->o.z + (b1 * t->e.z + b2 * t->f.z)};
     for (int r = 0; r < 3; r++) {
         d4 v = row3(m + 4 * r, &q) + m[4 * r + 3];
         *at_f(&b->position[r][i]) = __builtin_convertvector(v, f4);
@@ -142,14 +147,14 @@ LANE i4 encode_four(const d43 *n) {
 }
 
 /* The triangle's own normal g is turned to the viewer, the smooth one to its side. */
-LANE void normal_four(const pbs_placed *p, pbs_lanes *b, int i, bool have, bool odd) {
-    d43 o = point(b, 0, i), e = edge(b, 1, &o, i), f = edge(b, 2, &o, i);
-    d43 face = {e.y * f.z - e.z * f.y, e.z * f.x - e.x * f.z, e.x * f.y - e.y * f.x};
+LANE void normal_four(const pbs_placed *p, pbs_lanes *b, int i, const triangles *a, bool odd) {
+    const d43 *e = &a->e, *f = &a->f;
+    d43 face = {e->y * f->z - e->z * f->y, e->z * f->x - e->x * f->z, e->x * f->y - e->y * f->x};
     const double *c = p->cofactor;
     d43 g = {row3(c, &face), row3(c + 3, &face), row3(c + 6, &face)}, n = g;
     d4 det = *at_d(&b->det[i]);
     l4 flip = odd ? det > 0 : det < 0;
-    if (have) {
+    if (p->draw->mesh->normal) {
         d43 s = smooth_four(b, i), t = {row3(c, &s), row3(c + 3, &s), row3(c + 6, &s)};
         l4 use = (dot3(&s, &s) > 1e-8) & (dot3(&t, &t) > 0);
         n = (d43){pick(&use, &t.x, &g.x), pick(&use, &t.y, &g.y), pick(&use, &t.z, &g.z)};
@@ -160,15 +165,14 @@ LANE void normal_four(const pbs_placed *p, pbs_lanes *b, int i, bool have, bool 
     *at_i(&b->code[i]) = encode_four(&n);
 }
 
-LANE void aim_all(const pbs_placed *p, pbs_lanes *b, int from, int to) {
-    for (int i = from; i < to; i += 4) aim_four(p, b, i);
-}
-
-LANE void finish_all(const pbs_placed *p, pbs_lanes *b, int from, int to, bool normals, bool odd) {
-    bool have = p->draw->mesh->normal != NULL;
+/* Lanes from .. to - 1, which have one mesh; up to three more are written. */
+LANE void solve_all(const pbs_placed *p, pbs_lanes *b, int from, int to, bool normals, bool odd) {
     for (int i = from; i < to; i += 4) {
-        place_four(p, b, i);
-        if (normals) normal_four(p, b, i, have, odd);
+        triangles t = {.o = point(b, 0, i)};
+        t.e = edge(b, 1, &t.o, i), t.f = edge(b, 2, &t.o, i);
+        aim_four(p, b, i, to, &t);
+        place_four(p, b, i, &t);
+        if (normals) normal_four(p, b, i, &t, odd);
     }
 }
 #endif

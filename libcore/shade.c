@@ -63,6 +63,7 @@ size_t pbs_shader_need(const pbs_gbuffer_scene *scene, uint32_t channels) {
 
 static inline void encode(const pbs_shader *s, const pbs_material *m, const float c[4],
                           uint8_t out[4]) {
+#pragma GCC unroll 3
     for (int k = 0; k < 3; k++) out[k] = pbs_srgb_encode(s->srgb, c[k]);
     out[3] = m->alpha == PBS_ALPHA_BLEND ? pbs_unorm8(c[3]) : 255;
 }
@@ -155,6 +156,7 @@ static inline void vertex_colour(const pbs_shader *s, const pbs_lanes *b, int la
     const uint8_t *colour = mesh_of(b, lane)->colour;
     const float *linear = s->srgb->linear;
     float sum[4] = {0, 0, 0, 0};
+#pragma GCC unroll 3
     for (int i = 0; i < 3; i++) {
         const uint8_t *v = colour + 4 * (size_t)b->corner[i][lane];
         float w = (float)b->b[i][lane];

@@ -284,14 +284,14 @@ static inline pbs_code check_blob(pbs_run *run, blob b, bool piped, pbs_err *err
  * behind it, and without the system calls, of which tests with every bit make many. The reader's
  * munmap fails because the bytes do not begin at a page. */
 static inline pbs_code check_guarded(pbs_run *run, blob b, pbs_err *err) {
-    void *block = NULL, *other = NULL;
-    if (posix_memalign(&block, 64, b.size + 64)) abort();
-    if (((uintptr_t)block + 64) % 4096 == 0) {
-        other = block;
-        if (posix_memalign(&block, 64, b.size + 64)) abort();
+    void *block = NULL;
+    uint8_t *bytes;
+    for (size_t front = 64;; front += 64) {
+        if (posix_memalign(&block, 64, front + b.size)) abort();
+        bytes = (uint8_t *)block + front;
+        if ((uintptr_t)bytes % 4096) break;
+        free(block);
     }
-    uint8_t *bytes = (uint8_t *)block + 64;
-    if ((uintptr_t)bytes % 4096 == 0) abort();
     pbs_input in = {
         .fd = -1, .mapped = true, .bytes = bytes, .size = b.size, .name = "f", .run = run};
     pbs_checked found;
@@ -299,7 +299,6 @@ static inline pbs_code check_guarded(pbs_run *run, blob b, pbs_err *err) {
     if (!b.size) in.bytes = NULL;
     pbs_code rc = pbs_check_file(run, &in, &found, err);
     free(block);
-    free(other);
     return rc;
 }
 

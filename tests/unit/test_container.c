@@ -103,7 +103,13 @@ TEST(output_commit) {
     pbs_output_close(&out);
     run.cancel = NULL;
     CHECK(files_in_folder() == 1 && holds(path, ""));
-    unlink(path), rmdir(folder);
+    unlink(path);
+    /* the name is taken by a folder in the meantime: what was written does not stay beside it */
+    CHECK(!write_text(&out, path, "fourth") && !mkdir(path, 0700));
+    CHECK(pbs_output_commit(&out, &err) == PBS_IO && strstr(err.text, "directory"));
+    pbs_output_close(&out);
+    CHECK(files_in_folder() == 1);
+    rmdir(path), rmdir(folder);
     CHECK(pbs_mem_used(&run) == 0);
 }
 
@@ -324,6 +330,25 @@ TEST(same_bytes_to_file_and_pipe) {
     }
     rmdir(folder);
     CHECK(pbs_mem_used(&run) == 0);
+}
+
+/* What has the magic is whole: until the end there are zeros in its place. */
+TEST(magic_is_written_last) {
+    pbs_output spool;
+    pbs_writer *w;
+    pbs_input in;
+    uint8_t head[8], zeros[8] = {0};
+    must(pbs_output_spool(&run, &spool, &err), &err);
+    int fd = dup(spool.fd);
+    pbs_writer_desc d = {.output = &spool, .kind = PBS_SCENE};
+    must(pbs_writer_open(&run, &d, &w, &err), &err);
+    write_chunks(w, 0, BIG); /* more than the buffer: some of it is in the file */
+    CHECK(pread(fd, head, 8, 0) == 8 && !memcmp(head, zeros, 8));
+    must(pbs_writer_reopen(w, &in, &err), &err);
+    CHECK(pread(fd, head, 8, 0) == 8 && !memcmp(head, PBS_MAGIC, 8));
+    pbs_input_close(&in);
+    pbs_writer_close(w);
+    close(fd);
 }
 
 TEST(writer_errors) {

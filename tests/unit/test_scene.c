@@ -70,6 +70,15 @@ TEST(doubling_64_levels) {
     rc = pbs_scene_flatten(&s, &flat, &err);
     CHECK((rc == PBS_DATA || rc == PBS_LIMIT) && !flat.draws);
     pbs_scene_close(&s);
+    /* 2^64 + 1 in 64 bits is 1 */
+    m = new_scene();
+    uint32_t one = node = add_part(&m, "one", false);
+    for (int i = 0; i < 64; i++) node = add_assembly(&m, node, node, 1);
+    CHECK(!reopen(&m, add_assembly(&m, node, one, 1), &s));
+    s.nodes[65].triangles = 1;
+    rc = pbs_scene_flatten(&s, &flat, &err);
+    CHECK((rc == PBS_DATA || rc == PBS_LIMIT) && !flat.draws);
+    pbs_scene_close(&s);
     CHECK(pbs_mem_used(&run) == 0);
 }
 
