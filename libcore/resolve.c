@@ -82,13 +82,13 @@ static void locate(pbs_resolve_scratch *s, const uint64_t *row, const uint32_t *
                    int step) {
     pbs_lanes *b = &s->lanes;
     const pbs_placed *p = NULL;
-    uint32_t first = 0, triangles = 0;
+    uint32_t first = 0, many = 0;
     s->batch++;
     for (b->count = 0; b->count < count; b->count++) {
         uint32_t x = column[b->count * step], id = (uint32_t)row[2 * (size_t)x];
-        if (id - first >= triangles) {
+        if (id - first >= many) {
             if (!(p = placed(s, id))) break;
-            first = p->first, triangles = p->draw->mesh->triangles;
+            first = p->first, many = p->draw->mesh->triangles;
         }
         b->x[b->count] = x;
         b->place[b->count] = p;

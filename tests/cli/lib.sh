@@ -32,5 +32,12 @@ flip() {
     # shellcheck disable=SC2059
     printf "$(printf '\\%03o' $((b ^ 1)))" | dd of="$1" bs=1 seek="$2" conv=notrunc 2>/dev/null
 }
+# Goes on only where OpenGL 4.5 is to be had; any other failure of the player is one of the case's.
+need_gl() {
+    local text
+    text=$(pbs-view --width 16 --height 16 --shot gl.ppm "$PBS_TOP/testdata/v1/archive.pbs" 2>&1)
+    case "$text" in *libEGL* | *"OpenGL: no device"*) echo "skip: no OpenGL here"; exit 0 ;; esac
+    rm -f gl.ppm
+}
 models=/usr/share/assimp/models
 need_models() { [ -d $models ] || { echo "skip: the Debian package assimp-testmodels is not installed"; exit 0; }; }
