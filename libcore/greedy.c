@@ -243,7 +243,7 @@ static pbs_code take_first(pbs_greedy *g, size_t first, pbs_err *err) {
     pbs_code rc = flush_all(g, err);
     while (!rc && g->made < wanted && farthest(g, &slot)) {
         choose(g, slot);
-        if (g->parts > 1 && g->waits > WAITS) rc = flush_all(g, err);
+        if (g->waits > WAITS) rc = flush_all(g, err);
         if (!rc && g->made % 64 == 0) rc = pbs_run_check(g->run, err);
     }
     return rc ? rc : flush_all(g, err);
@@ -403,6 +403,10 @@ static pbs_code sweep(worker *w, pbs_err *err) {
         unsigned left = 0, m;
         while ((m = fan_at_least(&t->fan[0][f], w->g->bound) & ~left)) {
             unsigned c = (unsigned)__builtin_ctz(m);
+            /* The best of the fan has the fewest that have to come before it. */
+            for (m &= m - 1; m; m &= m - 1)
+                if (t->fan[0][f].max[__builtin_ctz(m)] > t->fan[0][f].max[c])
+                    c = (unsigned)__builtin_ctz(m);
             if (!settle(w, f * PBS_FAN + c)) left |= 1u << c;
         }
         pbs_code rc = f % 64 ? PBS_OK : pbs_run_check(w->g->run, err);

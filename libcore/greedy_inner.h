@@ -29,6 +29,7 @@ static inline void probe_set(probe *p, const pbs_tree *t, size_t slot) {
 /* The squares of the distances of p to the children's boxes. */
 static inline f8 fan_d2(const pbs_fan *f, const float p[3]) {
     f8 zero = f8_all(0), sum = zero;
+#pragma GCC unroll 3
     for (int k = 0; k < 3; k++) {
         f8 at = f8_all(p[k]), low = f8_at(f->low[k]), high = f8_at(f->high[k]);
         f8 gap = f8_max(f8_max(f8_sub(low, at), f8_sub(at, high)), zero);
@@ -50,6 +51,7 @@ static inline unsigned fan_around(const pbs_fan *f, const float p[3]) {
 /* As fan_near for any p in a box. */
 static inline unsigned fan_near_box(const pbs_fan *f, const float low[3], const float high[3]) {
     f8 zero = f8_all(0), sum = zero;
+#pragma GCC unroll 3
     for (int k = 0; k < 3; k++) {
         f8 below = f8_sub(f8_at(f->low[k]), f8_all(high[k]));
         f8 above = f8_sub(f8_all(low[k]), f8_at(f->high[k]));
@@ -102,6 +104,7 @@ static inline void leaf_touch(pbs_tree *t, size_t leaf, const probe *p) {
     pbs_leaf *l = &t->leaf[leaf];
     f8 old[VECTORS], d2[VECTORS];
     unsigned hit = leaf == p->slot / PBS_LEAF; /* its own leaf has lost its maximum */
+#pragma GCC unroll 4
     for (int k = 0; k < VECTORS; k++) {
         old[k] = f8_at(l->d + 8 * k);
         d2[k] = leaf_euclid(l, k, &p->at);
@@ -109,6 +112,7 @@ static inline void leaf_touch(pbs_tree *t, size_t leaf, const probe *p) {
     }
     if (!hit) return;
     f8 most = f8_all(0);
+#pragma GCC unroll 4
     for (int k = 0; k < VECTORS; k++) {
         if (t->normal) d2[k] = leaf_stretch(&t->metric, &t->normal[leaf], k, &p->at, d2[k]);
         d2[k] = f8_min(d2[k], old[k]);
@@ -137,6 +141,7 @@ static inline size_t leaf_first(const pbs_tree *t, size_t leaf, float max) {
  * becomes *best. It begins as p itself. */
 static inline void leaf_rival(const pbs_tree *t, size_t leaf, const probe *p, probe *best) {
     const pbs_leaf *l = &t->leaf[leaf];
+#pragma GCC unroll 4
     for (int k = 0; k < PBS_LEAF / 8; k++) {
         size_t first = leaf * PBS_LEAF + (size_t)k * 8;
         f8 d = f8_at(l->d + 8 * k);
@@ -157,6 +162,7 @@ static inline void leaf_rival(const pbs_tree *t, size_t leaf, const probe *p, pr
 /* Leaves are asked for before they are needed: they are seldom in a cache. */
 static inline void leaf_prefetch(const pbs_tree *t, size_t leaf) {
     const char *l = (const char *)&t->leaf[leaf];
+#pragma GCC unroll 8
     for (size_t at = 0; at < sizeof *t->leaf; at += 64) __builtin_prefetch(l + at, 1);
 }
 #endif

@@ -46,6 +46,7 @@ static inline void pbs_hilbert_init(pbs_hilbert *h) {
 static inline uint32_t pbs_hilbert_index(const pbs_hilbert *h, unsigned x, unsigned y, unsigned z) {
     uint32_t octants = h->spread[x] | h->spread[y] << 1 | h->spread[z] << 2;
     uint32_t index = 0, state = 0;
+#pragma GCC unroll 4
     for (int shift = PBS_HILBERT_BITS - 6; shift >= 0; shift -= 6) {
         uint32_t s = h->step[state][octants >> shift & 63];
         index = index << 6 | s >> 5;

@@ -490,7 +490,7 @@ static void bench(const scene *s) {
     if (getenv("NOGL") == NULL) compare(s, full);
 }
 
-/* An argument picks one scene: 0, 1. */
+/* An argument picks one scene: 0, 1. With NOGL in the environment GL is left out. */
 int main(int argc, char **argv) {
     scene s[2] = {ball(), plant()};
     int only = argc > 1 ? atoi(argv[1]) : -1;

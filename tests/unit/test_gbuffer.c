@@ -1,6 +1,7 @@
 /* The G-buffer against a brute-force rasteriser in double, and its laws: watertight, mirrored,
  * independent of threads, order, place and scale, every candidate on its triangle. */
 #include "libcore/raster.h"
+#include "libcore/resolve.h"
 #include "tests/unit/gbuffer_shape.h"
 
 /* ---- the reference ---- */
@@ -290,6 +291,60 @@ TEST(vector_and_plain_code) {
     CHECK(!memcmp(key[0], key[1], (keys - PBS_KEY_PAD) * sizeof **key));
     CHECK(fragments[0] == fragments[1] && fragments[0] > 100000);
     for (int i = 0; i < 2; i++) free(v[i]), free(key[i]);
+    free_shape(&s);
+}
+
+/* The same for what becomes of the pixels. */
+TEST(vector_and_plain_candidates) {
+    if (!pbs_raster_simd()) SKIP("no AVX2 here");
+    enum { SIZE = 150 };
+    shape s = ball(60, 80, 0.3);
+    pbs_draw d = placed(&s);
+    memcpy(d.m, (double[12]){0.3, 0.1, 0, 0, 0, -0.2, 0.1, 0, 0.2, 0, 0.4, 0}, sizeof d.m);
+    pbs_pair pair = {.right = {1, 0, 0},
+                     .up = {0, 1, 0},
+                     .toward = {0, 0, 1},
+                     .pixel = 1.0 / SIZE,
+                     .depth = 2,
+                     .width = SIZE,
+                     .height = SIZE};
+    uint64_t *key = malloc((2 * SIZE * SIZE + PBS_KEY_PAD) * sizeof *key);
+    pbs_snapped *v = aligned_alloc(64, (s.mesh.vertices * sizeof *v + 63) / 64 * 64);
+    pbs_raster r = {.key = key, .width = SIZE, .y1 = SIZE, .simd = true};
+    double m[12];
+    int32_t box[4];
+    pbs_pair_project(m, &pair, d.m);
+    pbs_raster_clear(&r);
+    pbs_raster_snap(m, s.position, s.mesh.vertices, true, v, box);
+    pbs_raster_draw(&r, v, s.index, s.mesh.triangles, 0, true);
+    pbs_gbuffer_scene scene = {.draws = &d, .draw_count = 1};
+    const uint32_t first[2] = {0, s.mesh.triangles};
+    pbs_resolve set = {.scene = &scene, .first = first, .channels = PBS_NORMAL};
+    pbs_resolve_out out[2][2];
+    for (int simd = 0; simd < 2; simd++) {
+        pbs_resolve_scratch *work = malloc(sizeof *work);
+        work->column = malloc(SIZE * sizeof *work->column), work->simd = simd;
+        for (int odd = 0; odd < 2; odd++) {
+            pbs_points p = {.position = malloc(12 * SIZE * SIZE),
+                            .normal = malloc(4 * SIZE * SIZE)};
+            out[simd][odd] = (pbs_resolve_out){p, malloc(4 * SIZE * SIZE)};
+        }
+        pbs_resolve_begin(work, &set, &pair);
+        pbs_resolve_band(work, &r, out[simd]);
+        free(work->column), free(work);
+    }
+    for (int odd = 0; odd < 2; odd++) {
+        const pbs_resolve_out *a = &out[0][odd], *b = &out[1][odd];
+        size_t n = a->points.count;
+        CHECK(n == b->points.count && n > 2000);
+        CHECK(!memcmp(a->where, b->where, 4 * n));
+        CHECK(!memcmp(a->points.position, b->points.position, 12 * n));
+        CHECK(!memcmp(a->points.normal, b->points.normal, 4 * n));
+        for (int simd = 0; simd < 2; simd++)
+            free(out[simd][odd].where), free(out[simd][odd].points.position),
+                free(out[simd][odd].points.normal);
+    }
+    free(key), free(v);
     free_shape(&s);
 }
 
