@@ -12,7 +12,7 @@
  * lower d(p), which would take D^2 < d(p) <= d(x); and p cannot lower it. The metric only has to
  * be symmetric.
  *
- * Threads take ranges of the curve. What a candidate's ball may reach outside the range is left to
+ * Threads take ranges of the curve. A candidate whose ball may reach outside the range is left to
  * a second round with other ranges, and then to one thread. What is chosen with d >= bound does
  * not depend on the order, so it does not depend on the ranges either.
  *
@@ -54,7 +54,7 @@ typedef struct list {
 typedef struct worker {
     struct pbs_greedy *g;
     size_t begin, end; /* fans */
-    bool alone;        /* nobody else works: no lists, no range, a queue for everything */
+    bool alone;        /* nobody else works, and the queue has room for everything */
     size_t made;
     uint64_t epoch;
     uint32_t used; /* blocks */
@@ -88,6 +88,11 @@ static size_t fans_padded(const pbs_tree *t, int level) {
     return (t->fans[level] + PBS_FAN - 1) / PBS_FAN * PBS_FAN;
 }
 
+/* For every leaf, and for what reach() wants to be free. */
+static size_t room_alone(const pbs_tree *t) {
+    return t->fans[0] * PBS_FAN + PBS_FAN * PBS_FAN + QUEUE;
+}
+
 static void layout(pbs_greedy *g, const pbs_tree *t, size_t candidates, pbs_layout *l) {
     size_t fans = t->fans[0];
     for (int k = 0; k < t->levels; k++)
@@ -98,10 +103,10 @@ static void layout(pbs_greedy *g, const pbs_tree *t, size_t candidates, pbs_layo
     g->list = pbs_layout_take(l, fans * sizeof *g->list);
     int parts = pbs_parts_most(fans, PART);
     g->worker = pbs_layout_take(l, (size_t)(parts + 1) * sizeof *g->worker);
-    size_t alone = fans * PBS_FAN + PBS_FAN;
+    size_t alone = room_alone(t);
     for (int i = 0; i <= parts; i++) {
         /* The first is also the one that works alone. */
-        size_t room = i || alone < QUEUE ? QUEUE : alone;
+        size_t room = i ? QUEUE : alone;
         void *queue = pbs_layout_take(l, room * sizeof(uint32_t));
         void *blocks = pbs_layout_take(l, BLOCKS * sizeof(block));
         if (l->base) g->worker[i].queue = queue, g->worker[i].block = blocks;
@@ -351,12 +356,11 @@ static void queue_below(worker *w, const probe *p, int level, size_t fan) {
 /* Queues the leaves that p may reach. False: not all of them are this worker's, or too many. */
 static bool reach(worker *w, const probe *p) {
     w->queued = w->rivals = 0;
-    if (w->alone) {
-        queue_below(w, p, w->g->t->levels - 1, 0);
-        return true;
-    }
     const list *l = neighbours(w, p->slot / PBS_FAN_POINTS);
-    if (l->blocks == NO_LIST) return false;
+    if (l->blocks == NO_LIST) {
+        if (w->alone) queue_below(w, p, w->g->t->levels - 1, 0);
+        return w->alone;
+    }
     for (uint32_t i = 0; i < l->blocks; i++) {
         const block *b = &w->block[l->begin + i];
         if (w->queued + PBS_FAN * PBS_FAN > w->room) return false;
@@ -421,35 +425,46 @@ static pbs_code sweep_part(void *ctx, size_t i, int thread, pbs_err *err) {
     return sweep(&g->worker[i], err);
 }
 
-/* One round: the ranges are n / parts long, all but the ends shifted by half of that if asked. */
-static pbs_code sweep_round(pbs_greedy *g, bool shifted, pbs_err *err) {
-    size_t n = g->t->fans[0], parts = (size_t)g->parts + shifted, half = n / (2 * (size_t)g->parts);
-    for (size_t i = 0; i < parts; i++) {
-        worker *w = &g->worker[i];
-        size_t begin = shifted ? i ? (2 * i - 1) * half : 0 : 2 * i * half;
-        size_t end = shifted ? (2 * i + 1) * half : (2 * i + 2) * half;
-        w->g = g;
-        w->begin = begin;
-        w->end = i + 1 == parts ? n : end;
-        w->alone = false;
-        w->room = QUEUE;
-        w->made = w->used = 0;
-        w->epoch = ++g->epochs << 32;
+static void worker_init(worker *w, pbs_greedy *g, bool alone) {
+    w->g = g;
+    w->begin = 0, w->end = g->t->fans[0];
+    w->alone = alone;
+    w->room = alone ? room_alone(g->t) : QUEUE;
+    w->made = w->used = 0;
+    w->epoch = ++g->epochs << 32;
+}
+
+/* Cuts the fans into ranges with about the same number of leaves that have something to choose;
+ * shifted: by half a range, so that one more is needed. */
+static void cut_ranges(pbs_greedy *g, bool shifted, size_t ranges) {
+    const pbs_fan *f = g->t->fan[0];
+    size_t n = g->t->fans[0], total = 0, sum = 0, last = 0;
+    for (size_t i = 0; i < n; i++)
+        total += (unsigned)__builtin_popcount(fan_at_least(&f[i], g->bound));
+    for (size_t i = 0; i < ranges; i++) worker_init(&g->worker[i], g, false);
+    for (size_t i = 0; i < n; i++) {
+        while (last + 1 < ranges && sum * 2 * (size_t)g->parts >= total * (2 * last + 2 - shifted))
+            g->worker[last].end = i, g->worker[++last].begin = i;
+        sum += (unsigned)__builtin_popcount(fan_at_least(&f[i], g->bound));
     }
-    pbs_code rc = pbs_parallel(g->run, parts, sweep_part, g, err);
-    for (size_t i = 0; i < parts; i++) g->made += g->worker[i].made;
+    for (; last + 1 < ranges; last++) g->worker[last + 1].begin = n;
+}
+
+static pbs_code sweep_round(pbs_greedy *g, bool shifted, pbs_err *err) {
+    size_t ranges = (size_t)g->parts + shifted;
+    cut_ranges(g, shifted, ranges);
+    pbs_code rc = pbs_parallel(g->run, ranges, sweep_part, g, err);
+    for (size_t i = 0; i < ranges; i++) g->made += g->worker[i].made;
     return rc;
 }
 
-/* All that have d >= bound. */
+/* All that have d >= bound. With two threads little is left after the first round. */
 static pbs_code sweep_all(pbs_greedy *g, pbs_err *err) {
-    pbs_code rc = sweep_round(g, false, err);
-    if (!rc && g->parts > 1) rc = sweep_round(g, true, err);
+    pbs_code rc = g->parts > 1 ? sweep_round(g, false, err) : PBS_OK;
+    if (!rc && g->parts > 2) rc = sweep_round(g, true, err);
     if (rc) return rc;
     worker *w = &g->worker[0];
-    w->begin = 0, w->end = g->t->fans[0];
-    w->alone = true;
-    w->made = 0;
+    worker_init(w, g, true);
     rc = sweep(w, err);
     g->made += w->made;
     return rc;
