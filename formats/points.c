@@ -125,6 +125,15 @@ static void pack_spacing(uint8_t *to, size_t stride, const float *from, size_t n
         pbs_put_u16(to, pbs_half_put((float)(from[i] / (65535 * l->step))));
 }
 
+/* n fields of 12 or 4 bytes from one step to another; a memcpy of fixed size is a move or two. */
+static void copy_field(uint8_t *to, size_t to_step, const uint8_t *from, size_t from_step,
+                       size_t size, size_t n) {
+    if (size == 12)
+        for (size_t i = 0; i < n; i++, to += to_step, from += from_step) memcpy(to, from, 12);
+    else
+        for (size_t i = 0; i < n; i++, to += to_step, from += from_step) memcpy(to, from, 4);
+}
+
 static void pack(const pbs_record *r, const pbs_points *p, size_t first, size_t n, uint8_t *to,
                  const pbs_lattice *l) {
     for (size_t i = 0; i < CHANNELS; i++) {
@@ -138,7 +147,7 @@ static void pack(const pbs_record *r, const pbs_points *p, size_t first, size_t 
         else if (r->packed && channel[i].channel == PBS_SPACING)
             pack_spacing(out, r->stride, p->spacing + first, n, l);
         else
-            for (size_t k = 0; k < n; k++, out += r->stride, from += size) memcpy(out, from, size);
+            copy_field(out, r->stride, from, size, size, n);
     }
 }
 
@@ -184,8 +193,7 @@ pbs_code pbs_points_read(const char *place, const pbs_record *r, const pbs_chunk
         if (at < 0 || (r->packed && (channel[i].channel & (PBS_POSITION | PBS_SPACING)))) continue;
         size_t size = channel[i].size;
         uint8_t *to = array(p, channel[i].channel) + p->count * size;
-        for (size_t k = 0; k < c->count; k++)
-            memcpy(to + k * size, from + k * r->stride + at, size);
+        copy_field(to, size, from + at, r->stride, size, c->count);
     }
     p->count += c->count;
     return PBS_OK;

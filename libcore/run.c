@@ -9,14 +9,6 @@
 /* What a block for that many bytes takes, which must not be near SIZE_MAX. */
 static size_t block_size(size_t bytes) { return (HEAD + bytes + HEAD - 1) / HEAD * HEAD; }
 
-/* Big arrays are touched once from end to end, and page by page that costs more than what is
- * written into them. Only whole huge pages of the block are asked for, so no memory is wasted. */
-static void ask_for_huge_pages(void *p, size_t bytes) {
-    const uintptr_t huge = (uintptr_t)2 << 20;
-    uintptr_t from = ((uintptr_t)p + huge - 1) / huge * huge, to = ((uintptr_t)p + bytes) / huge * huge;
-    if (to > from + huge) madvise((void *)from, to - from, MADV_HUGEPAGE);
-}
-
 static void raise_to(size_t *peak, size_t v) {
     size_t p = __atomic_load_n(peak, __ATOMIC_RELAXED);
     while (p < v && !__atomic_compare_exchange_n(peak, &p, v, 1, __ATOMIC_RELAXED,
@@ -60,6 +52,40 @@ size_t pbs_mem_left(const pbs_run *run) {
     return used < run->mem_limit ? run->mem_limit - used : 0;
 }
 
+/* Large blocks are maps of their own: they grow without a copy, and go back to the system. They
+ * are touched once from end to end, which page by page costs more than what is written into them:
+ * huge pages, wherever a whole one lies inside, are a third of the time. The advice is for the
+ * whole map, since one that is in two parts could not be stretched. Under
+ * the address sanitizer all are small, so that it sees their ends. */
+#if defined(__SANITIZE_ADDRESS__)
+#define LARGE SIZE_MAX
+#else
+#define LARGE ((size_t)4 << 20)
+#endif
+
+static void *take_block(size_t bytes) {
+    if (bytes < LARGE) return aligned_alloc(HEAD, bytes);
+    void *p = mmap(NULL, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    if (p == MAP_FAILED) return NULL;
+    madvise(p, bytes, MADV_HUGEPAGE);
+    return p;
+}
+
+/* Grows a large block to `bytes`, or leaves it alone and returns NULL. */
+static void *stretch(pbs_run *run, void *ptr, size_t bytes) {
+    void *block = (char *)ptr - HEAD;
+    size_t old;
+    memcpy(&old, block, sizeof old);
+    if (old < LARGE || pbs_mem_take(run, bytes - old, "", NULL)) return NULL;
+    void *p = mremap(block, old, bytes, MREMAP_MAYMOVE);
+    if (p == MAP_FAILED) {
+        pbs_mem_give(run, bytes - old);
+        return NULL;
+    }
+    memcpy(p, &bytes, sizeof bytes);
+    return (char *)p + HEAD;
+}
+
 pbs_code pbs_alloc(pbs_run *run, void *out, size_t count, size_t size, const char *what,
                    pbs_err *err) {
     void *p = NULL;
@@ -69,11 +95,10 @@ pbs_code pbs_alloc(pbs_run *run, void *out, size_t count, size_t size, const cha
     size_t bytes = block_size(count * size);
     pbs_code rc = pbs_mem_take(run, bytes, what, err);
     if (rc) return rc;
-    if (!(p = aligned_alloc(HEAD, bytes))) {
+    if (!(p = take_block(bytes))) {
         pbs_mem_give(run, bytes);
         return pbs_fail(err, PBS_LIMIT, "%s: the machine has no %zu MiB left", what, bytes >> 20);
     }
-    ask_for_huge_pages(p, bytes);
     memcpy(p, &bytes, sizeof bytes);
     p = (char *)p + HEAD;
     memcpy(out, &p, sizeof p);
@@ -90,6 +115,11 @@ pbs_code pbs_grow(pbs_run *run, void *ptr, size_t *cap, size_t need, size_t size
     /* The last step before the limit may be the exact one. */
     if (size && (want > SIZE_MAX / 4 / size || block_size(want * size) > pbs_mem_left(run)))
         want = need;
+    if (old && size && want < SIZE_MAX / 4 / size && (fresh = stretch(run, old, block_size(want * size)))) {
+        memcpy(ptr, &fresh, sizeof fresh);
+        *cap = want;
+        return PBS_OK;
+    }
     pbs_code rc = pbs_alloc(run, &fresh, want, size, what, err);
     if (rc) return rc;
     if (old) memcpy(fresh, old, *cap * size);
@@ -104,7 +134,8 @@ void pbs_free(pbs_run *run, void *ptr) {
     void *block = (char *)ptr - HEAD;
     size_t bytes;
     memcpy(&bytes, block, sizeof bytes);
-    free(block);
+    if (bytes < LARGE) free(block);
+    else munmap(block, bytes);
     pbs_mem_give(run, bytes);
 }
 
