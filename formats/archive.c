@@ -1,4 +1,5 @@
 #include "formats/archive.h"
+#include "formats/dag.h"
 #include <string.h>
 
 static pbs_code count_nodes(pbs_archive *a, const pbs_chunk *e, size_t n, pbs_err *err) {
@@ -95,6 +96,11 @@ static pbs_code read_archive(pbs_archive *a, pbs_err *err) {
     return rc ? rc : read_points(a, e, n, err);
 }
 
+static uint64_t own_records(const void *ctx, uint32_t node) {
+    const pbs_archive *a = ctx;
+    return a->records[node] != NULL;
+}
+
 pbs_code pbs_archive_open(pbs_run *run, const char *path, pbs_archive *a, pbs_err *err) {
     memset(a, 0, sizeof *a);
     a->run = run;
@@ -107,6 +113,8 @@ pbs_code pbs_archive_open(pbs_run *run, const char *path, pbs_archive *a, pbs_er
     }
     rc = pbs_reader_open(run, &in, PBS_KIND(PBS_ARCHIVE), &a->reader, err);
     if (!rc) rc = read_archive(a, err);
+    if (!rc)
+        rc = pbs_dag_count(run, a->nodes, a->node_count, own_records, a, &a->placings, err);
     if (rc) pbs_archive_close(a);
     return rc;
 }
@@ -118,6 +126,7 @@ void pbs_archive_close(pbs_archive *a) {
     }
     pbs_free(a->run, a->nodes);
     pbs_free(a->run, a->records);
+    pbs_free(a->run, a->placings);
     pbs_free(a->run, a->joined);
     pbs_reader_close(a->reader);
     memset(a, 0, sizeof *a);

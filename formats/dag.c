@@ -33,7 +33,8 @@ pbs_code pbs_dag_walk(pbs_run *run, const pbs_node *nodes, size_t count,
     bool descend = true;
     pbs_code rc = visit(ctx, (uint32_t)count - 1, PBS_IDENTITY, &descend, err);
     if (!rc && descend) rc = push(&s, (uint32_t)count - 1, PBS_IDENTITY, err);
-    while (s.depth && !rc) {
+    for (uint32_t step = 1; s.depth && !rc; step++) {
+        if (step % 4096 == 0 && (rc = pbs_run_check(run, err))) break;
         frame *f = &s.frames[s.depth - 1];
         const pbs_node *n = &nodes[f->node];
         if (f->next == n->child_count) {
@@ -49,4 +50,21 @@ pbs_code pbs_dag_walk(pbs_run *run, const pbs_node *nodes, size_t count,
     }
     pbs_free(run, s.frames);
     return rc;
+}
+
+pbs_code pbs_dag_count(pbs_run *run, const pbs_node *nodes, size_t count,
+                       uint64_t (*own)(const void *ctx, uint32_t node), const void *ctx,
+                       uint64_t **out, pbs_err *err) {
+    uint64_t *n;
+    *out = NULL;
+    pbs_code rc = pbs_alloc(run, &n, count, sizeof *n, "the table of nodes", err);
+    if (rc) return rc;
+    for (size_t i = 0; i < count; i++) {
+        n[i] = own(ctx, (uint32_t)i);
+        for (uint32_t k = 0; k < nodes[i].child_count; k++)
+            if (__builtin_add_overflow(n[i], n[nodes[i].children[k].node], &n[i]))
+                n[i] = UINT64_MAX;
+    }
+    *out = n;
+    return PBS_OK;
 }

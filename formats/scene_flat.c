@@ -4,19 +4,9 @@
 #include "formats/scene.h"
 #include <string.h>
 
-/* Placed meshes below every node, and whether there are any; saturates, since 64 levels of two
- * equal children each are 2^64 instances in a few kilobytes. */
-static uint64_t *count_draws(const pbs_scene *s, pbs_err *err, pbs_code *rc) {
-    uint64_t *n;
-    *rc = pbs_alloc(s->run, &n, s->node_count, sizeof *n, "the table of nodes", err);
-    if (*rc) return NULL;
-    for (size_t i = 0; i < s->node_count; i++) {
-        n[i] = s->first_mesh[i + 1] - s->first_mesh[i];
-        for (uint32_t k = 0; k < s->nodes[i].child_count; k++)
-            if (__builtin_add_overflow(n[i], n[s->nodes[i].children[k].node], &n[i]))
-                n[i] = UINT64_MAX;
-    }
-    return n;
+static uint64_t own_meshes(const void *ctx, uint32_t node) {
+    const pbs_scene *s = ctx;
+    return s->first_mesh[node + 1] - s->first_mesh[node];
 }
 
 static bool is_singular(const double m[12]) {
@@ -82,9 +72,9 @@ static pbs_code center(const pbs_scene *s, pbs_flat *out, pbs_err *err) {
 
 pbs_code pbs_scene_flatten(const pbs_scene *s, pbs_flat *out, pbs_err *err) {
     memset(out, 0, sizeof *out);
-    pbs_code rc;
     const char *name = pbs_reader_name(s->reader);
-    uint64_t *draws = count_draws(s, err, &rc);
+    uint64_t *draws;
+    pbs_code rc = pbs_dag_count(s->run, s->nodes, s->node_count, own_meshes, s, &draws, err);
     if (rc) return rc;
     uint64_t n = draws[s->node_count - 1], triangles = s->nodes[s->node_count - 1].triangles;
     if (!n) rc = pbs_fail(err, PBS_DATA, "%s: no triangles in it", name);

@@ -69,8 +69,8 @@ static pbs_code visit(void *ctx, uint32_t id, const double m[12], bool *descend,
     pbs_show *s = c->show;
     const pbs_archive *a = &s->archive;
     const pbs_node *n = &a->nodes[id];
+    *descend = !a->records[id] && a->placings[id];
     if (!a->records[id]) return PBS_OK;
-    *descend = false;
     if (!pbs_cut_visible(&c->view->camera, c->aspect, &n->box, n->covering, m)) return PBS_OK;
     pbs_code rc = pbs_grow(s->run, &s->list, &s->list_cap, c->count + 1, sizeof *s->list,
                            "the list of what is drawn", err);
