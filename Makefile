@@ -19,7 +19,7 @@ VERSION := 0.1.0
 # One rule for floating point everywhere: no contraction, so that a portable build, an AVX2 build
 # and a sanitized build write the same bytes.
 common  := -g -Wall -Wextra -Wshadow -fvisibility=hidden -ffp-contract=off -fno-math-errno \
-           -I. -DPBS_VERSION='"$(VERSION)"' -DPBS_PREFIX='"$(PREFIX)"' -D_GNU_SOURCE -MMD -MP
+           -I. -DPBS_VERSION='"$(VERSION)"' -D_GNU_SOURCE -MMD -MP
 opt_release := -O2
 opt_debug   := -O0
 opt_asan    := -O1 -fsanitize=address,undefined -fno-sanitize-recover=undefined -fno-omit-frame-pointer
@@ -41,7 +41,7 @@ unit    := $(patsubst tests/unit/%.c,$(B)/tests/%,$(wildcard tests/unit/*.c))
 benches := $(patsubst tests/bench/%.c,$(B)/tests/%,$(wildcard tests/bench/bench_*.c))
 
 # A module is built if its libraries are here; otherwise the build says so and goes on.
-have = $(shell printf '$(foreach h,$(1),\#include <$(h)>\n)' | $(CXX) $(2) -E -xc++ - >/dev/null 2>&1 && echo yes)
+have = $(shell printf '$(foreach h,$(1),\043include <$(h)>\n)' | $(CXX) $(2) -E -xc++ - >/dev/null 2>&1 && echo yes)
 flags_gltf  :=
 libs_gltf   := -ldraco
 flags_image := -isystem /usr/include/Imath
@@ -62,6 +62,7 @@ missing := $(filter-out $(modules),gltf image exr)
 
 .PHONY: all test demo bench fuzz lint install clean deps
 .SECONDARY:
+.DELETE_ON_ERROR:
 all: $(programs) $(modules:%=$(B)/lib/pbs/%.so)
 	@for m in $(missing); do echo "left out: the module $$m: its library is not installed (scripts/deps does that)"; done
 

@@ -4,6 +4,7 @@
 #include "libcore/metrics.h"
 #include <math.h>
 #include <stdio.h>
+#include <string.h>
 
 typedef struct options {
     bool json;
@@ -13,21 +14,27 @@ static const pbs_option table[] = {
     {0, "json", PBS_FLAG, offsetof(options, json), NULL, "print JSON", 0, 0, NULL, false},
 };
 
-static const pbs_tool tool = {"pbs-compare", "Compares pictures with the truth: SSIM, PSNR, coverage",
-                              "PICTURE... TRUTH", 2, -1, table, sizeof table / sizeof table[0], true};
+static const pbs_tool tool = {"pbs-compare",
+                              "Compares pictures with the truth: SSIM, PSNR, coverage",
+                              "PICTURE... TRUTH",
+                              2,
+                              -1,
+                              table,
+                              sizeof table / sizeof table[0],
+                              true};
 
 static void print_json_number(const char *name, double v) {
-    if (isfinite(v)) printf(", \"%s\": %.6g", name, v);
-    else printf(", \"%s\": null", name);
+    if (isfinite(v))
+        printf(", \"%s\": %.6g", name, v);
+    else
+        printf(", \"%s\": null", name);
 }
 
-static void print_errors(const options *o, const char *name, bool first, const pbs_picture_error *e) {
+static void print_errors(const options *o, const char *name, bool first,
+                         const pbs_picture_error *e) {
     if (o->json) {
-        printf("{\"picture\": \"");
-        for (; *name; name++)
-            if (*name == '"' || *name == '\\') printf("\\%c", *name);
-            else putchar(*name);
-        printf("\"");
+        printf("{\"picture\": ");
+        pbs_print_json_text(name, strlen(name));
         print_json_number("ssim", e->ssim);
         print_json_number("psnr", e->psnr);
         print_json_number("max", e->max);
@@ -36,7 +43,8 @@ static void print_errors(const options *o, const char *name, bool first, const p
         printf("}\n");
         return;
     }
-    if (first) printf("%8s %8s %6s %8s %8s  picture\n", "ssim", "psnr/dB", "max", "hole/%", "spill/%");
+    if (first)
+        printf("%8s %8s %6s %8s %8s  picture\n", "ssim", "psnr/dB", "max", "hole/%", "spill/%");
     printf("%8.4f %8.2f %6.0f %8.3f %8.3f  %s\n", e->ssim, e->psnr, e->max, 100 * e->hole,
            100 * e->spill, name);
 }

@@ -5,7 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const pbs_tool tool = {"pbs-flatten", "Packs surfels into one archive", "[FILE...]", 0, -1, NULL, 0, false};
+static const pbs_tool tool = {
+    "pbs-flatten", "Packs surfels into one archive", "[FILE...]", 0, -1, NULL, 0, false};
 
 typedef struct input {
     pbs_reader *reader;
@@ -19,7 +20,8 @@ typedef struct input {
 typedef struct entry {
     pbs_node node;
     size_t input;
-    size_t first_chunk, chunks; /* of the input's directory */
+    size_t first_chunk, end_chunk; /* of the input's directory: its points are among these */
+    bool has_points;
 } entry;
 
 typedef struct job {
@@ -31,7 +33,7 @@ typedef struct job {
     pbs_record out;
     pbs_writer *w;
     uint64_t surfels, others; /* chunks of tags that this program does not know */
-    double error, bound; /* largest error of a position; what is promised */
+    double error, bound;      /* largest error of a position; what is promised */
 } job;
 
 static pbs_lattice lattice_of(const pbs_node *n) {
@@ -69,16 +71,21 @@ static pbs_code add_entry(job *j, const entry *e, pbs_err *err) {
 }
 
 /* Nodes keep their order; their numbers move up by what the inputs before have. */
-static pbs_code add_node(job *j, size_t i, const pbs_chunk *at, size_t first_chunk, size_t chunks,
-                         pbs_err *err) {
-    input *in = &j->inputs[i];
+static pbs_code add_node(job *j, entry e, const pbs_chunk *at, uint64_t points, pbs_err *err) {
+    const input *in = &j->inputs[e.input];
+    const char *name = pbs_reader_name(in->reader);
     pbs_chunk c;
-    entry e = {.input = i, .first_chunk = first_chunk, .chunks = chunks};
     uint32_t expect = (uint32_t)j->entry_count - in->first_node;
     pbs_code rc = pbs_reader_at(in->reader, at, &c, err);
-    if (!rc)
-        rc = pbs_node_read(&j->app->run, pbs_reader_name(in->reader), &c, expect, &e.node, err);
+    if (!rc) rc = pbs_node_read(&j->app->run, name, &c, expect, &e.node, err);
     if (rc) return rc;
+    if (points != e.node.records) {
+        rc = pbs_fail(err, PBS_DATA, "%s: node %u has %llu points and not %llu", name, e.node.id,
+                      (unsigned long long)points, (unsigned long long)e.node.records);
+        pbs_node_free(&j->app->run, &e.node);
+        return rc;
+    }
+    e.has_points = points != 0;
     e.node.id += in->first_node;
     for (uint32_t k = 0; k < e.node.child_count; k++) e.node.children[k].node += in->first_node;
     rc = add_entry(j, &e, err);
@@ -86,26 +93,39 @@ static pbs_code add_node(job *j, size_t i, const pbs_chunk *at, size_t first_chu
     return rc;
 }
 
+/* A chunk of points of the node that comes next, of which `have` came before. */
+static pbs_code check_points(const job *j, const input *in, const pbs_chunk *c, uint64_t have,
+                             pbs_err *err) {
+    const char *name = pbs_reader_name(in->reader);
+    size_t next = j->entry_count - in->first_node;
+    if (c->node != next)
+        return pbs_fail(err, PBS_DATA, "%s: points of node %u where %zu is expected", name, c->node,
+                        next);
+    return pbs_points_fit(name, &in->record, c, have, err);
+}
+
 static pbs_code take_input(job *j, size_t i, pbs_err *err) {
     input *in = &j->inputs[i];
     const char *name = pbs_reader_name(in->reader);
     in->first_node = (uint32_t)j->entry_count;
-    size_t first = 0, chunks = 0;
+    size_t first = 0;
+    uint64_t points = 0;
     for (size_t k = 0; k < in->entry_count; k++) {
         const pbs_chunk *c = &in->entries[k];
+        pbs_code rc = PBS_OK;
         if (c->tag == PBS_TAG_POINTS) {
-            if (!chunks++) first = k;
-            continue;
-        }
-        if (c->tag != PBS_TAG_NODE) {
+            rc = check_points(j, in, c, points, err);
+            points += c->count;
+        } else if (c->tag == PBS_TAG_NODE) {
+            entry e = {.input = i, .first_chunk = first, .end_chunk = k};
+            rc = add_node(j, e, c, points, err);
+            first = k + 1;
+            points = 0;
+        } else
             j->others++;
-            continue;
-        }
-        pbs_code rc = add_node(j, i, c, first, chunks, err);
         if (rc) return rc;
-        chunks = 0;
     }
-    if (chunks) return pbs_fail(err, PBS_DATA, "%s: points without a node", name);
+    if (points) return pbs_fail(err, PBS_DATA, "%s: points without a node", name);
     if (j->entry_count == in->first_node) return pbs_fail(err, PBS_DATA, "%s: no node in it", name);
     return PBS_OK;
 }
@@ -124,7 +144,8 @@ static pbs_code add_root(job *j, pbs_err *err) {
         pbs_child *child = &n->children[n->child_count++];
         *child = (pbs_child){.node = id};
         memcpy(child->m, PBS_IDENTITY, sizeof child->m);
-        if (!pbs_box_is_empty(&c->box)) pbs_box_add(&n->box, c->box.min), pbs_box_add(&n->box, c->box.max);
+        if (!pbs_box_is_empty(&c->box))
+            pbs_box_add(&n->box, c->box.min), pbs_box_add(&n->box, c->box.max);
         n->triangles += c->triangles;
     }
     if (!rc) rc = add_entry(j, &e, err);
@@ -146,27 +167,27 @@ static void fill_absent(const job *j, uint32_t have, pbs_points *p) {
 
 static pbs_code load_points(const job *j, const entry *e, pbs_points *p, pbs_err *err) {
     const input *in = &j->inputs[e->input];
-    const char *name = pbs_reader_name(in->reader);
-    uint64_t n = 0;
-    for (size_t k = 0; k < e->chunks; k++) n += in->entries[e->first_chunk + k].count;
-    if (n != e->node.records)
-        return pbs_fail(err, PBS_DATA, "%s: node %u has %llu points and not %llu", name, e->node.id,
-                        (unsigned long long)n, (unsigned long long)e->node.records);
-    pbs_code rc = pbs_points_alloc(&j->app->run, j->out.channels, (size_t)n, p, err);
+    const char *name = pbs_reader_name(in->reader), *fault;
+    pbs_code rc = pbs_points_alloc(&j->app->run, j->out.channels, (size_t)e->node.records, p, err);
     p->count = 0;
-    for (size_t k = 0; k < e->chunks && !rc; k++) {
+    for (size_t k = e->first_chunk; k < e->end_chunk && !rc; k++) {
         pbs_chunk c;
-        rc = pbs_reader_at(in->reader, &in->entries[e->first_chunk + k], &c, err);
+        if (in->entries[k].tag != PBS_TAG_POINTS) continue;
+        rc = pbs_reader_at(in->reader, &in->entries[k], &c, err);
         if (!rc) rc = pbs_points_read(name, &in->record, &c, p, NULL, err);
     }
-    if (rc) pbs_points_free(&j->app->run, p);
-    else fill_absent(j, in->record.channels, p);
+    if (!rc && (fault = pbs_points_fault(p, 0)))
+        rc = pbs_fail(err, PBS_DATA, "%s: node %u: %s", name, e->node.id - in->first_node, fault);
+    if (rc)
+        pbs_points_free(&j->app->run, p);
+    else
+        fill_absent(j, in->record.channels, p);
     return rc;
 }
 
 /* The archive's nodes come before all points, so lattices are needed before they are written. */
 static pbs_code choose_lattice(job *j, entry *e, pbs_err *err) {
-    if (!e->chunks) return PBS_OK;
+    if (!e->has_points) return PBS_OK;
     pbs_points p;
     pbs_code rc = load_points(j, e, &p, err);
     if (rc) return rc;
@@ -192,13 +213,14 @@ static void measure_error(job *j, const pbs_points *p, const pbs_lattice *l) {
 }
 
 static pbs_code write_points(job *j, const entry *e, pbs_err *err) {
-    if (!e->chunks) return PBS_OK;
+    if (!e->has_points) return PBS_OK;
     pbs_points p;
     pbs_code rc = load_points(j, e, &p, err);
     if (rc) return rc;
     pbs_lattice l = lattice_of(&e->node);
     measure_error(j, &p, &l);
-    rc = pbs_points_write(&j->app->run, j->w, &j->out, e->node.id, &p, 0, PBS_ARCHIVE_CHUNK, &l, err);
+    rc = pbs_points_write(&j->app->run, j->w, &j->out, e->node.id, &p, 0, PBS_ARCHIVE_CHUNK, &l,
+                          err);
     pbs_points_free(&j->app->run, &p);
     return rc;
 }
@@ -207,7 +229,8 @@ static pbs_code write_points(job *j, const entry *e, pbs_err *err) {
 
 static char *history_of(const job *j) {
     size_t n = 1;
-    for (size_t i = 0; i < j->input_count; i++) n += strlen(pbs_reader_history(j->inputs[i].reader));
+    for (size_t i = 0; i < j->input_count; i++)
+        n += strlen(pbs_reader_history(j->inputs[i].reader));
     char *all = calloc(1, n), *p = all;
     for (size_t i = 0; all && i < j->input_count; i++)
         p = stpcpy(p, pbs_reader_history(j->inputs[i].reader));
@@ -217,7 +240,7 @@ static char *history_of(const job *j) {
 static pbs_code open_writer(job *j, pbs_err *err) {
     uint64_t chunks = j->entry_count + j->others;
     for (size_t i = 0; i < j->entry_count; i++)
-        if (j->entries[i].chunks)
+        if (j->entries[i].has_points)
             chunks += pbs_points_chunks(j->entries[i].node.records, PBS_ARCHIVE_CHUNK);
     char channels[256], *history = history_of(j);
     if (!history) return pbs_fail(err, PBS_LIMIT, "no memory");
@@ -252,7 +275,7 @@ static pbs_code write_others(job *j, const input *in, pbs_err *err) {
 static pbs_code write_archive(job *j, pbs_err *err) {
     pbs_code rc = open_writer(j, err);
     for (size_t i = 0; i < j->entry_count && !rc; i++)
-        rc = pbs_node_write(j->w, &j->entries[i].node, err);
+        rc = pbs_node_write(&j->app->run, j->w, &j->entries[i].node, err);
     for (size_t i = j->entry_count; i-- && !rc;) {
         pbs_run_progress(&j->app->run, "writing", j->entry_count - i, j->entry_count);
         rc = write_points(j, &j->entries[i], err);
@@ -296,4 +319,6 @@ static pbs_code work(pbs_app *app, void *opt, pbs_err *err) {
     return rc;
 }
 
-int main(int argc, char **argv) { return pbs_tool_main(argc, argv, &tool, NULL, work); }
+int main(int argc, char **argv) {
+    return pbs_tool_main(argc, argv, &tool, NULL, work);
+}

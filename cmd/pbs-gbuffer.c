@@ -25,14 +25,20 @@ static const pbs_option table[] = {
      "surfels that will be wanted (default 100k)", 1, 1e9, NULL, true},
     {'d', "directions", PBS_CHOICE, offsetof(options, directions), "SET", "views from", 0, 0,
      direction_names, true},
-    {0, "exr", PBS_TEXT, offsetof(options, exr), "DIR", "also write the buffers as OpenEXR files", 0,
-     0, NULL, false},
+    {0, "exr", PBS_TEXT, offsetof(options, exr), "DIR", "also write the buffers as OpenEXR files",
+     0, 0, NULL, false},
     {0, "ignore-missing", PBS_FLAG, offsetof(options, ignore_missing), NULL,
      "go on without textures that are not there", 0, 0, NULL, true},
 };
 
-static const pbs_tool tool = {"pbs-gbuffer", "Renders a scene from outside into candidates for surfels",
-                              "[FILE]", 0, 1, table, sizeof table / sizeof table[0], false};
+static const pbs_tool tool = {"pbs-gbuffer",
+                              "Renders a scene from outside into candidates for surfels",
+                              "[FILE]",
+                              0,
+                              1,
+                              table,
+                              sizeof table / sizeof table[0],
+                              false};
 
 typedef struct job {
     pbs_app *app;
@@ -86,7 +92,15 @@ static pbs_code write_node(job *j, const pbs_scene *s, const pbs_flat *flat,
                   .records = stats->candidates,
                   .pixel = stats->pixel};
     memcpy(n.origin, flat->origin, sizeof n.origin);
-    return pbs_node_write(j->w, &n, err);
+    return pbs_node_write(&j->app->run, j->w, &n, err);
+}
+
+/* Each thread has buffers of its own: rather fewer threads than no picture. */
+static size_t fit_threads(pbs_run *run, const pbs_gbuffer_scene *gs, const pbs_gbuffer_params *p) {
+    size_t need;
+    while ((need = pbs_gbuffer_need(gs, p, run->threads)) > pbs_mem_left(run) && run->threads > 1)
+        run->threads /= 2;
+    return need;
 }
 
 static pbs_code render(job *j, const pbs_scene *s, const pbs_flat *flat, const pbs_image *images,
@@ -94,18 +108,17 @@ static pbs_code render(job *j, const pbs_scene *s, const pbs_flat *flat, const p
     pbs_app *app = j->app;
     pbs_gbuffer_scene gs = {flat->draws,       flat->count, s->materials,
                             s->material_count, images,      s->texture_count};
-    pbs_gbuffer_params p = {.resolution = choose_resolution(j->o),
-                            .channels = s->channels,
-                            .box = flat->box};
+    pbs_gbuffer_params p = {
+        .resolution = choose_resolution(j->o), .channels = s->channels, .box = flat->box};
     for (int k = 0; k < 3; k++) p.box.min[k] -= flat->origin[k], p.box.max[k] -= flat->origin[k];
     choose_directions(j->o->directions, &p);
     pbs_gbuffer_stats stats = {0};
-    pbs_code rc = pbs_mem_plan(&app->run, pbs_gbuffer_need(&gs, &p, app->run.threads),
-                               "the G-buffers", err);
+    size_t need = fit_threads(&app->run, &gs, &p);
+    pbs_code rc = pbs_mem_plan(&app->run, need, "the G-buffers", err);
     if (!rc) rc = pbs_gbuffer(&app->run, &gs, &p, take_view, j, &stats, err);
     if (!rc && !stats.candidates)
-        rc = pbs_fail(err, PBS_DATA, "no pixel is covered at resolution %u: nothing to see",
-                      p.resolution);
+        rc = pbs_fail(err, PBS_DATA, "%s: no pixel is covered at resolution %u: nothing to see",
+                      pbs_reader_name(s->reader), p.resolution);
     if (!rc) rc = write_node(j, s, flat, &stats, err);
     if (!rc) rc = pbs_writer_commit(j->w, err);
     if (rc) return rc;
@@ -132,12 +145,24 @@ static pbs_code open_writer(job *j, const pbs_scene *s, pbs_err *err) {
                            &j->w, err);
 }
 
+/* The buffers' size follows from the options alone; with the reading of a small scene that is what
+ * will do at least. */
+static size_t least_memory(const options *o, const pbs_run *run) {
+    const size_t reading = 20 << 20;
+    pbs_gbuffer_params p = {.resolution = choose_resolution(o),
+                            .channels = PBS_NORMAL,
+                            .box = {{-1, -1, -1}, {1, 1, 1}}};
+    choose_directions(o->directions, &p);
+    return pbs_mem_used(run) + reading + pbs_gbuffer_need(&(pbs_gbuffer_scene){0}, &p, 1);
+}
+
 static pbs_code work(pbs_app *app, void *opt, pbs_err *err) {
     job j = {.app = app, .o = opt};
     pbs_scene s;
     pbs_flat flat = {0};
     pbs_image *images = NULL;
     pbs_scene_options so = {j.o->ignore_missing};
+    app->run.mem_floor = least_memory(opt, &app->run);
     pbs_code rc = pbs_scene_open(&app->run, pbs_operand(app, 0), &so, &s, err);
     if (rc) return rc;
     rc = pbs_scene_flatten(&s, &flat, err);

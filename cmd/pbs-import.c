@@ -13,8 +13,14 @@ static const pbs_option table[] = {
      "go on without textures that are not there", 0, 0, NULL, true},
 };
 
-static const pbs_tool tool = {"pbs-import", "Turns a scene file (glTF, GLB, OBJ, PLY, STL) into a scene stream",
-                              "[FILE]", 0, 1, table, sizeof table / sizeof table[0], false};
+static const pbs_tool tool = {"pbs-import",
+                              "Turns a scene file (glTF, GLB, OBJ, PLY, STL) into a scene stream",
+                              "[FILE]",
+                              0,
+                              1,
+                              table,
+                              sizeof table / sizeof table[0],
+                              false};
 
 static pbs_code import(pbs_app *app, pbs_input *in, pbs_writer *w, const options *o, pbs_err *err) {
     pbs_scene_writer *sw;
@@ -47,11 +53,10 @@ static pbs_code work(pbs_app *app, void *opt, pbs_err *err) {
     if (!rc && pbs_is_container(head, n))
         rc = pbs_fail(err, PBS_DATA, "%s: is a pbs file already", in.name);
     if (!rc)
-        rc = pbs_writer_open(&app->run,
-                             &(pbs_writer_desc){.path = app->common.output,
-                                                .kind = PBS_SCENE,
-                                                .stage = app->stage},
-                             &w, err);
+        rc = pbs_writer_open(
+            &app->run,
+            &(pbs_writer_desc){.path = app->common.output, .kind = PBS_SCENE, .stage = app->stage},
+            &w, err);
     if (!rc) rc = import(app, &in, w, opt, err);
     pbs_writer_close(w);
     pbs_input_close(&in);

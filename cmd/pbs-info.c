@@ -14,12 +14,18 @@ static const pbs_option table[] = {
     {'c', "check", PBS_FLAG, offsetof(options, check), NULL,
      "read everything and verify it; print one line", 0, 0, NULL, false},
     {0, "json", PBS_FLAG, offsetof(options, json), NULL, "print JSON", 0, 0, NULL, false},
-    {0, "nodes", PBS_FLAG, offsetof(options, nodes), NULL, "print the nodes instead of the chunks", 0,
-     0, NULL, false},
+    {0, "nodes", PBS_FLAG, offsetof(options, nodes), NULL, "print the nodes instead of the chunks",
+     0, 0, NULL, false},
 };
 
-static const pbs_tool tool = {"pbs-info", "Prints or verifies what is in a pbs file", "[FILE...]", 0, -1,
-                              table, sizeof table / sizeof table[0], true};
+static const pbs_tool tool = {"pbs-info",
+                              "Prints or verifies what is in a pbs file",
+                              "[FILE...]",
+                              0,
+                              -1,
+                              table,
+                              sizeof table / sizeof table[0],
+                              true};
 
 typedef struct printer {
     pbs_run *run;
@@ -30,44 +36,35 @@ typedef struct printer {
 
 /* ---- JSON and text ---- */
 
-static void print_quoted(const char *s, size_t n) {
-    putchar('"');
-    for (size_t i = 0; i < n; i++) {
-        unsigned char c = (unsigned char)s[i];
-        if (c == '"' || c == '\\') printf("\\%c", c);
-        else if (c < 0x20 || c == 0x7f) printf("\\u%04x", c);
-        else putchar(c);
-    }
-    putchar('"');
-}
-
-/* What a file says must not steer the terminal. */
-static void print_clean(const char *s) {
-    for (; *s; s++) putchar(((unsigned char)*s < 0x20 && *s != '\n') || *s == 0x7f ? '?' : *s);
+/* What a file says, or is called, must not steer the terminal. Lines stay lines where it says. */
+static void print_clean(const char *s, bool lines) {
+    for (; *s; s++)
+        putchar(((unsigned char)*s < 0x20 && !(lines && *s == '\n')) || *s == 0x7f ? '?' : *s);
 }
 
 static void print_header(const printer *p) {
     const char *channels = pbs_reader_channels(p->r), *history = pbs_reader_history(p->r);
     const char *kind = pbs_kind_name[pbs_reader_kind(p->r)];
     if (!p->o->json) {
-        printf("%s: %s\n", pbs_reader_name(p->r), kind);
+        print_clean(pbs_reader_name(p->r), false);
+        printf(": %s\n", kind);
         if (*channels) {
             printf("channels ");
-            print_clean(channels);
+            print_clean(channels, false);
             printf("\n");
         }
-        print_clean(history);
+        print_clean(history, true);
         return;
     }
     printf("{\"file\": ");
-    print_quoted(pbs_reader_name(p->r), strlen(pbs_reader_name(p->r)));
+    pbs_print_json_text(pbs_reader_name(p->r), strlen(pbs_reader_name(p->r)));
     printf(", \"kind\": \"%s\", \"channels\": ", kind);
-    print_quoted(channels, strlen(channels));
+    pbs_print_json_text(channels, strlen(channels));
     printf(",\n \"history\": [");
     for (const char *line = history, *end; *line; line = end + 1) {
         end = strchr(line, '\n');
         if (line != history) printf(", ");
-        print_quoted(line, (size_t)(end - line));
+        pbs_print_json_text(line, (size_t)(end - line));
     }
     printf("],\n \"%s\": [", p->o->nodes ? "nodes" : "chunks");
 }
@@ -77,19 +74,22 @@ static void print_chunk(const printer *p, const pbs_chunk *c) {
     pbs_tag_text(c->tag, tag);
     if (c->node != UINT32_MAX) snprintf(node, sizeof node, "%u", c->node);
     if (!p->o->json) {
-        if (!p->chunks) printf("%12s  tag   %8s %10s %10s %12s  crc\n", "offset", "node", "first", "count", "bytes");
-        printf("%12" PRIu64 "  %s  %8s %10u %10u %12" PRIu64 "  %08x\n", c->offset, tag, node, c->first,
-               c->count, c->bytes, c->crc);
+        if (!p->chunks)
+            printf("%12s  tag   %8s %10s %10s %12s  crc\n", "offset", "node", "first", "count",
+                   "bytes");
+        printf("%12" PRIu64 "  %s  %8s %10u %10u %12" PRIu64 "  %08x\n", c->offset, tag, node,
+               c->first, c->count, c->bytes, c->crc);
         return;
     }
     printf("%s\n  {\"offset\": %" PRIu64 ", \"tag\": ", p->chunks ? "," : "", c->offset);
-    print_quoted(tag, 4);
+    pbs_print_json_text(tag, 4);
     printf(", \"node\": %s, \"first\": %u, \"count\": %u, \"bytes\": %" PRIu64 ", \"crc\": %u}",
            c->node == UINT32_MAX ? "null" : node, c->first, c->count, c->bytes, c->crc);
 }
 
 static void print_box(const pbs_box *b) {
-    if (pbs_box_is_empty(b)) printf("null");
+    if (pbs_box_is_empty(b))
+        printf("null");
     else
         printf("[%.9g, %.9g, %.9g, %.9g, %.9g, %.9g]", b->min[0], b->min[1], b->min[2], b->max[0],
                b->max[1], b->max[2]);
@@ -98,7 +98,7 @@ static void print_box(const pbs_box *b) {
 static void print_node(const printer *p, const pbs_node *n) {
     if (p->o->json) {
         printf("%s\n  {\"id\": %u, \"name\": ", p->nodes ? "," : "", n->id);
-        print_quoted(n->name, strlen(n->name));
+        pbs_print_json_text(n->name, strlen(n->name));
         printf(", \"children\": %u, \"triangles\": %" PRIu64 ", \"records\": %" PRIu64
                ", \"covering\": %.9g, \"box\": ",
                n->child_count, n->triangles, n->records, n->covering);
@@ -106,12 +106,14 @@ static void print_node(const printer *p, const pbs_node *n) {
         printf("}");
         return;
     }
-    if (!p->nodes) printf("%8s %8s %12s %10s %12s  box, name\n", "node", "children", "triangles", "records", "covering");
+    if (!p->nodes)
+        printf("%8s %8s %12s %10s %12s  box, name\n", "node", "children", "triangles", "records",
+               "covering");
     printf("%8u %8u %12" PRIu64 " %10" PRIu64 " %12.6g  ", n->id, n->child_count, n->triangles,
            n->records, n->covering);
     print_box(&n->box);
     printf("  ");
-    print_clean(n->name);
+    print_clean(n->name, false);
     printf("\n");
 }
 
@@ -177,13 +179,16 @@ static pbs_code check_file(pbs_app *app, const options *o, const char *path, pbs
     if ((rc = pbs_check_file(&app->run, &in, &c, err))) return rc;
     if (o->json) {
         printf("{\"file\": ");
-        print_quoted(name, strlen(name));
-        printf(", \"ok\": true, \"nodes\": %" PRIu64 ", \"chunks\": %" PRIu64 ", \"records\": %" PRIu64
-               ", \"bytes\": %" PRIu64 "}\n",
+        pbs_print_json_text(name, strlen(name));
+        printf(", \"ok\": true, \"nodes\": %" PRIu64 ", \"chunks\": %" PRIu64
+               ", \"records\": %" PRIu64 ", \"bytes\": %" PRIu64 "}\n",
                c.nodes, c.chunks, c.records, c.bytes);
-    } else
-        printf("%s: ok: %" PRIu64 " nodes, %" PRIu64 " chunks, %" PRIu64 " records, %" PRIu64 " bytes\n",
-               name, c.nodes, c.chunks, c.records, c.bytes);
+    } else {
+        print_clean(name, false);
+        printf(": ok: %" PRIu64 " nodes, %" PRIu64 " chunks, %" PRIu64 " records, %" PRIu64
+               " bytes\n",
+               c.nodes, c.chunks, c.records, c.bytes);
+    }
     return PBS_OK;
 }
 
@@ -191,9 +196,15 @@ static pbs_code work(pbs_app *app, void *opt, pbs_err *err) {
     const options *o = opt;
     int n = app->common.operand_count ? app->common.operand_count : 1;
     pbs_code rc = PBS_OK;
-    for (int i = 0; i < n && !rc; i++)
-        rc = o->check ? check_file(app, o, pbs_operand(app, i), err)
-                      : print_file(app, o, pbs_operand(app, i), err);
+    for (int i = 0; i < n && rc != PBS_CANCEL; i++) {
+        pbs_err bad = {0};
+        const char *path = pbs_operand(app, i);
+        if (!(o->check ? check_file : print_file)(app, o, path, &bad)) continue;
+        /* One bad file does not hide the others; the last error is the program's. */
+        if (rc) fprintf(stderr, "%s: %s\n", tool.name, err->text);
+        *err = bad;
+        rc = bad.code;
+    }
     return rc;
 }
 

@@ -17,20 +17,26 @@ typedef struct options {
 static const char *const methods[] = {"greedy", "paper", "random", NULL}; /* as pbs_method */
 
 static const pbs_option table[] = {
-    {'n', "count", PBS_COUNT, offsetof(options, count), "N", "surfels wanted (default 100k)", 1, 4e9,
-     NULL, true},
+    {'n', "count", PBS_COUNT, offsetof(options, count), "N", "surfels wanted (default 100k)", 1,
+     4e9, NULL, true},
     {0, "method", PBS_CHOICE, offsetof(options, method), "METHOD", "how surfels are chosen", 0, 0,
      methods, true},
     {'w', "normal-weight", PBS_REAL, offsetof(options, normal_weight), "W",
      "0: plain Euclid, 1: opposite sides are far apart (default 1)", 0, 1, NULL, true},
     {0, "subset", PBS_COUNT, offsetof(options, subset), "N",
      "candidates a round of the paper's method looks at (default 200)", 1, 1e6, NULL, true},
-    {0, "seed", PBS_COUNT, offsetof(options, seed), "N", "another first surfel (default 0)", 0, 9e15,
-     NULL, true},
+    {0, "seed", PBS_COUNT, offsetof(options, seed), "N", "another first surfel (default 0)", 0,
+     9e15, NULL, true},
 };
 
-static const pbs_tool tool = {"pbs-sample", "Orders candidates into surfels of which every prefix covers evenly",
-                              "[FILE | EXR...]", 0, -1, table, sizeof table / sizeof table[0], false};
+static const pbs_tool tool = {"pbs-sample",
+                              "Orders candidates into surfels of which every prefix covers evenly",
+                              "[FILE | EXR...]",
+                              0,
+                              -1,
+                              table,
+                              sizeof table / sizeof table[0],
+                              false};
 
 typedef struct job {
     pbs_app *app;
@@ -88,24 +94,29 @@ static pbs_code emit(job *j, pbs_node *node, const uint32_t *order, const float 
     node->covering = r->covering;
     node->median = even.median;
     node->median_count = even.count;
-    return rc ? rc : pbs_node_write(j->w, node, err);
+    return rc ? rc : pbs_node_write(run, j->w, node, err);
+}
+
+static pbs_sample_params params_of(const job *j, uint32_t node) {
+    return (pbs_sample_params){.count = j->o->count,
+                               .method = (pbs_method)j->o->method,
+                               .normal_weight = (float)j->o->normal_weight,
+                               .seed = j->o->seed,
+                               .node = node,
+                               .subset = (uint32_t)j->o->subset};
 }
 
 static pbs_code sample_node(job *j, pbs_node *node, pbs_err *err) {
     pbs_run *run = &j->app->run;
-    pbs_sample_params p = {.count = j->o->count,
-                           .method = (pbs_method)j->o->method,
-                           .normal_weight = (float)j->o->normal_weight,
-                           .seed = j->o->seed,
-                           .node = node->id,
-                           .subset = (uint32_t)j->o->subset};
+    pbs_sample_params p = params_of(j, node->id);
     size_t n = j->candidates.count < p.count ? j->candidates.count : (size_t)p.count;
     uint32_t *order = NULL;
     float *spacing = NULL;
     pbs_sample_result r;
     pbs_run_progress(run, "sampling", node->id, 0);
-    pbs_code rc = pbs_mem_plan(run, pbs_sample_need(j->candidates.count, &p) + n * (8 + j->out.stride),
-                               "the sampler", err);
+    pbs_code rc =
+        pbs_mem_plan(run, pbs_sample_need(j->candidates.count, &p) + n * (8 + j->out.stride),
+                     "the sampler", err);
     if (!rc) rc = pbs_alloc(run, &order, n, sizeof *order, "the order", err);
     if (!rc) rc = pbs_alloc(run, &spacing, n, sizeof *spacing, "the spacing", err);
     if (!rc) rc = pbs_sample(j->sampler, &j->candidates, &p, order, spacing, &r, err);
@@ -133,10 +144,12 @@ static pbs_code open_writer(job *j, const char *history, pbs_err *err) {
 
 static pbs_code take_points(job *j, const char *name, const pbs_chunk *c, pbs_err *err) {
     if (c->node != j->nodes)
-        return pbs_fail(err, PBS_DATA, "%s: points of node %u where %llu is expected", name, c->node,
-                        (unsigned long long)j->nodes);
-    pbs_code rc = pbs_points_grow(&j->app->run, j->in.channels, &j->candidates, &j->cap,
-                                  j->candidates.count + c->count, err);
+        return pbs_fail(err, PBS_DATA, "%s: points of node %u where %llu is expected", name,
+                        c->node, (unsigned long long)j->nodes);
+    pbs_code rc = pbs_points_fit(name, &j->in, c, j->candidates.count, err);
+    if (!rc)
+        rc = pbs_points_grow(&j->app->run, j->in.channels, &j->candidates, &j->cap,
+                             j->candidates.count + c->count, err);
     return rc ? rc : pbs_points_read(name, &j->in, c, &j->candidates, NULL, err);
 }
 
@@ -145,8 +158,8 @@ static pbs_code take_node(job *j, const char *name, const pbs_chunk *c, pbs_err 
     pbs_code rc = pbs_node_read(&j->app->run, name, c, (uint32_t)j->nodes, &node, err);
     if (rc) return rc;
     if (node.records != j->candidates.count)
-        rc = pbs_fail(err, PBS_DATA, "%s: node %u: %llu of its points are missing", name, node.id,
-                      (unsigned long long)(node.records - j->candidates.count));
+        rc = pbs_fail(err, PBS_DATA, "%s: node %u has %llu points and not %llu", name, node.id,
+                      (unsigned long long)j->candidates.count, (unsigned long long)node.records);
     if (!rc) rc = sample_node(j, &node, err);
     pbs_node_free(&j->app->run, &node);
     return rc;
@@ -156,6 +169,32 @@ static pbs_code take_node(job *j, const char *name, const pbs_chunk *c, pbs_err 
 static pbs_code take_other(job *j, const pbs_chunk *c, pbs_err *err) {
     pbs_piece piece = {c->payload, (size_t)c->bytes};
     return pbs_writer_chunk(j->w, c, &piece, 1, err);
+}
+
+/* A file's directory tells how large its largest node is: room for it is made at once, and a limit
+ * that is too small is refused before anything is read. A pipe has to be read to know. */
+static pbs_code make_room(job *j, pbs_reader *r, pbs_err *err) {
+    const pbs_chunk *e;
+    size_t n;
+    uint64_t most = 0, points = 0;
+    if (!pbs_reader_mapped(r)) return PBS_OK;
+    pbs_code rc = pbs_reader_directory(r, &e, &n, err);
+    for (size_t i = 0; i < n && !rc; i++) {
+        points =
+            e[i].tag == PBS_TAG_NODE ? 0 : points + (e[i].tag == PBS_TAG_POINTS ? e[i].count : 0);
+        most = points > most ? points : most;
+    }
+    if (rc || most > pbs_reader_bytes(r)) return rc; /* a damaged directory promises nothing */
+    pbs_sample_params p = params_of(j, 0);
+    size_t wanted = most < p.count ? (size_t)most : p.count;
+    size_t buffers = (size_t)2 << 20;
+    rc = pbs_mem_plan(&j->app->run,
+                      (size_t)most * j->in.stride + pbs_sample_need((size_t)most, &p) +
+                          wanted * (8 + j->out.stride) + buffers,
+                      pbs_reader_name(r), err);
+    return rc ? rc
+              : pbs_points_grow(&j->app->run, j->in.channels, &j->candidates, &j->cap, (size_t)most,
+                                err);
 }
 
 static pbs_code sample_stream(job *j, pbs_err *err) {
@@ -168,16 +207,21 @@ static pbs_code sample_stream(job *j, pbs_err *err) {
     if (!rc && (j->in.packed || j->in.channels & PBS_SPACING))
         rc = pbs_fail(err, PBS_DATA, "%s: candidates with channels of surfels", name);
     if (!rc) rc = open_writer(j, pbs_reader_history(r), err);
+    if (!rc) rc = make_room(j, r, err);
     for (bool end = false; !rc;) {
         pbs_chunk c;
         rc = pbs_reader_next(r, &c, &end, err);
         if (rc || end) break;
-        if (c.tag == PBS_TAG_POINTS) rc = take_points(j, name, &c, err);
-        else if (c.tag == PBS_TAG_NODE) rc = take_node(j, name, &c, err);
-        else rc = take_other(j, &c, err);
+        if (c.tag == PBS_TAG_POINTS)
+            rc = take_points(j, name, &c, err);
+        else if (c.tag == PBS_TAG_NODE)
+            rc = take_node(j, name, &c, err);
+        else
+            rc = take_other(j, &c, err);
     }
     if (!rc && (j->candidates.count || !j->nodes))
-        rc = pbs_fail(err, PBS_DATA, "%s: %s", name, j->nodes ? "points without a node" : "no node in it");
+        rc = pbs_fail(err, PBS_DATA, "%s: %s", name,
+                      j->nodes ? "points without a node" : "no node in it");
     pbs_reader_close(r);
     return rc;
 }
@@ -203,7 +247,8 @@ static pbs_code sample_exr(job *j, pbs_err *err) {
     for (size_t i = 0; i < j->candidates.count; i++) {
         const float *p = j->candidates.position + 3 * i;
         double v[3] = {p[0], p[1], p[2]};
-        pbs_box_add(&node.box, v);
+        /* What is not finite is left out and counted by the sampler. */
+        if (isfinite(v[0]) && isfinite(v[1]) && isfinite(v[2])) pbs_box_add(&node.box, v);
     }
     return sample_node(j, &node, err);
 }
@@ -228,11 +273,13 @@ static pbs_code work(pbs_app *app, void *opt, pbs_err *err) {
     job j = {.app = app, .o = opt, .min_spacing = NAN};
     pbs_code rc = pbs_sampler_new(&app->run, &j.sampler, err);
     if (rc) return rc;
-    if (is_exr(pbs_operand(app, 0))) rc = sample_exr(&j, err);
+    if (is_exr(pbs_operand(app, 0)))
+        rc = sample_exr(&j, err);
     else if (app->common.operand_count > 1)
         rc = pbs_fail(err, PBS_USAGE, "%s: one file of candidates, or any number of EXR files",
                       pbs_operand(app, 1));
-    else rc = sample_stream(&j, err);
+    else
+        rc = sample_stream(&j, err);
     if (!rc) rc = pbs_writer_commit(j.w, err);
     if (!rc) add_stats(&j);
     pbs_writer_close(j.w);

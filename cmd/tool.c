@@ -31,7 +31,8 @@ static void catch_signals(void) {
         sigaction(sigs[i], NULL, &old);
         if (old.sa_handler != SIG_IGN) sigaction(sigs[i], &a, NULL);
     }
-    signal(SIGPIPE, SIG_IGN); /* a closed pipe is an error of write */
+    signal(SIGPIPE, SIG_IGN); /* a closed pipe is an error of write, */
+    signal(SIGXFSZ, SIG_IGN); /* and so is ulimit -f */
 }
 
 /* ---- progress: a terminal only, at most six times a second ---- */
@@ -43,7 +44,7 @@ static void draw_progress(void *ctx, const char *what, uint64_t done, uint64_t t
     if (t - last < 1.0 / 6 || !__atomic_compare_exchange(&app->drawn, &last, &t, false,
                                                          __ATOMIC_RELAXED, __ATOMIC_RELAXED))
         return;
-    app->progress_shown = true;
+    __atomic_store_n(&app->progress_shown, true, __ATOMIC_RELAXED);
     if (!total || done > total) {
         fprintf(stderr, "\r\033[K%s: %s", app->tool->name, what);
         return;
@@ -100,7 +101,9 @@ void pbs_stat_real(pbs_app *app, const char *name, double value) {
     add_stat(app, name, value, false);
 }
 
-static double seconds(struct timeval t) { return (double)t.tv_sec + (double)t.tv_usec * 1e-6; }
+static double seconds(struct timeval t) {
+    return (double)t.tv_sec + (double)t.tv_usec * 1e-6;
+}
 
 static void add_costs(pbs_app *app) {
     struct rusage u;
@@ -112,9 +115,12 @@ static void add_costs(pbs_app *app) {
 }
 
 static void print_stat(FILE *f, const struct pbs_stat *s) {
-    if (s->integer) fprintf(f, "%.0f", s->value);
-    else if (isfinite(s->value)) fprintf(f, "%.9g", s->value);
-    else fprintf(f, "null");
+    if (s->integer)
+        fprintf(f, "%.0f", s->value);
+    else if (isfinite(s->value))
+        fprintf(f, "%.9g", s->value);
+    else
+        fprintf(f, "null");
 }
 
 static pbs_code write_stats(pbs_app *app, pbs_err *err) {
@@ -145,13 +151,29 @@ const char *pbs_operand(const pbs_app *app, int i) {
 
 void pbs_note(pbs_app *app, const char *fmt, ...) {
     if (app->common.quiet) return;
+    char text[1024];
     va_list ap;
     va_start(ap, fmt);
-    clear_progress(app);
-    fprintf(stderr, "%s: ", app->tool->name);
-    vfprintf(stderr, fmt, ap);
-    fprintf(stderr, "\n");
+    vsnprintf(text, sizeof text, fmt, ap);
     va_end(ap);
+    clear_progress(app);
+    pbs_err clean; /* a note quotes names of files, as errors do */
+    pbs_fail(&clean, PBS_OK, "%s", text);
+    fprintf(stderr, "%s: %s\n", app->tool->name, clean.text);
+}
+
+void pbs_print_json_text(const char *s, size_t n) {
+    putchar('"');
+    for (size_t i = 0; i < n; i++) {
+        unsigned char c = (unsigned char)s[i];
+        if (c == '"' || c == '\\')
+            printf("\\%c", c);
+        else if (c < 0x20 || c == 0x7f)
+            printf("\\u%04x", c);
+        else
+            putchar(c);
+    }
+    putchar('"');
 }
 
 /* Text on standard output is an output too: a full disk is an error. */
@@ -172,8 +194,8 @@ static pbs_code print_and_end(const pbs_app *app, pbs_err *err) {
     return flush_stdout(err);
 }
 
-static pbs_code run(pbs_app *app, void *options,
-                    pbs_code (*work)(pbs_app *, void *, pbs_err *), pbs_err *err) {
+static pbs_code run(pbs_app *app, void *options, pbs_code (*work)(pbs_app *, void *, pbs_err *),
+                    pbs_err *err) {
     if (app->common.help || app->common.version) return print_and_end(app, err);
     pbs_code rc = set_limits(app, err);
     if (rc) return rc;

@@ -28,8 +28,11 @@ int pbs_tool_main(int argc, char **argv, const pbs_tool *tool, void *options,
 /* Operand i, or NULL: standard input. */
 const char *pbs_operand(const pbs_app *app, int i);
 
-/* A line on standard error, unless -q. */
+/* A line on standard error, unless -q; control characters become '?'. */
 void pbs_note(pbs_app *app, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
+
+/* Prints n bytes to standard output as a JSON string. */
+void pbs_print_json_text(const char *s, size_t n);
 
 /* Named numbers for --stats and -v; name is a literal, lower case with underscores. */
 void pbs_stat_count(pbs_app *app, const char *name, uint64_t value);

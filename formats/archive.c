@@ -88,7 +88,8 @@ static pbs_code read_archive(pbs_archive *a, pbs_err *err) {
     size_t n;
     const char *name = pbs_reader_name(a->reader);
     pbs_code rc = pbs_record_parse(name, pbs_reader_channels(a->reader), &a->record, err);
-    if (!rc && !a->record.packed) rc = pbs_fail(err, PBS_DATA, "%s: not an archive's records", name);
+    if (!rc && !a->record.packed)
+        rc = pbs_fail(err, PBS_DATA, "%s: not an archive's records", name);
     if (!rc) rc = pbs_reader_directory(a->reader, &e, &n, err);
     if (!rc) rc = count_nodes(a, e, n, err);
     if (!rc) rc = read_nodes(a, e, n, err);
@@ -113,8 +114,7 @@ pbs_code pbs_archive_open(pbs_run *run, const char *path, pbs_archive *a, pbs_er
     }
     rc = pbs_reader_open(run, &in, PBS_KIND(PBS_ARCHIVE), &a->reader, err);
     if (!rc) rc = read_archive(a, err);
-    if (!rc)
-        rc = pbs_dag_count(run, a->nodes, a->node_count, own_records, a, &a->placings, err);
+    if (!rc) rc = pbs_dag_count(run, a->nodes, a->node_count, own_records, a, &a->placings, err);
     if (rc) pbs_archive_close(a);
     return rc;
 }

@@ -49,17 +49,6 @@ static pbs_code room_for_node(state *s, uint32_t id, pbs_err *err) {
     return rc;
 }
 
-static pbs_code check_values(state *s, const pbs_chunk *c, const pbs_points *p, pbs_err *err) {
-    for (size_t i = c->first; i < p->count; i++) {
-        for (int k = 0; k < 3; k++)
-            if (!isfinite(p->position[3 * i + k])) return bad(s, c, "a position is not finite", err);
-        if (!p->spacing) continue;
-        if (!(p->spacing[i] >= 0) || !isfinite(p->spacing[i]))
-            return bad(s, c, "a spacing is not a distance", err);
-    }
-    return PBS_OK;
-}
-
 static pbs_code check_points(state *s, const pbs_chunk *c, pbs_err *err) {
     pbs_points p;
     if (!s->has_records) return bad(s, c, "points in a file of another kind", err);
@@ -75,7 +64,8 @@ static pbs_code check_points(state *s, const pbs_chunk *c, pbs_err *err) {
     p.count = 0;
     if (s->record.packed && !(n->lattice.step > 0)) rc = bad(s, c, "its node has no lattice", err);
     if (!rc) rc = pbs_points_read(s->name, &s->record, &one, &p, &n->lattice, err);
-    if (!rc) rc = check_values(s, &one, &p, err);
+    const char *fault = rc ? NULL : pbs_points_fault(&p, 0);
+    if (fault) rc = bad(s, c, fault, err);
     pbs_points_free(s->run, &p);
     n->records += c->count;
     s->out->records += c->count;
@@ -105,7 +95,8 @@ static pbs_code check_mesh(state *s, const pbs_chunk *c, pbs_err *err) {
     s->nodes[c->node].records += c->count;
     s->out->records += c->count;
     pbs_code rc = pbs_mesh_parse(s->name, c, &m, err);
-    if (!rc && !pbs_mesh_materials_fit(&m, s->materials)) rc = bad(s, c, "there is no such material", err);
+    if (!rc && !pbs_mesh_materials_fit(&m, s->materials))
+        rc = bad(s, c, "there is no such material", err);
     return rc;
 }
 

@@ -56,24 +56,23 @@ typedef struct pbs_chunk {
 typedef struct pbs_writer pbs_writer;
 
 typedef struct pbs_writer_desc {
-    const char *path;     /* NULL or "-": standard output */
-    pbs_output *output;   /* instead of path: already open, the writer closes it */
+    const char *path;   /* NULL or "-": standard output */
+    pbs_output *output; /* instead of path: already open, the writer closes it */
     pbs_kind kind;
     const char *channels; /* "position:f32x3 normal:i16x2", "" for a scene that has none */
     const char *history;  /* provenance of the inputs, whole lines, or NULL */
     const char *stage;    /* this stage's line, without "stage " and newline */
-    uint64_t front;       /* chunks that will be written; their directory goes in front. 0: behind */
+    uint64_t front; /* chunks that will be written; their directory goes in front. 0: behind */
 } pbs_writer_desc;
 
-pbs_code pbs_writer_open(pbs_run *run, const pbs_writer_desc *desc, pbs_writer **out,
-                         pbs_err *err);
+pbs_code pbs_writer_open(pbs_run *run, const pbs_writer_desc *desc, pbs_writer **out, pbs_err *err);
 /* chunk: tag, flags, node, count, first. The payload comes in up to `pieces` pieces. */
 typedef struct pbs_piece {
     const void *bytes;
     size_t size;
 } pbs_piece;
-pbs_code pbs_writer_chunk(pbs_writer *w, const pbs_chunk *chunk, const pbs_piece *piece,
-                          int pieces, pbs_err *err);
+pbs_code pbs_writer_chunk(pbs_writer *w, const pbs_chunk *chunk, const pbs_piece *piece, int pieces,
+                          pbs_err *err);
 /* Directory, footer, and the file gets its name. */
 pbs_code pbs_writer_commit(pbs_writer *w, pbs_err *err);
 /* The same, but the whole stream comes back as a mapped input (a spool). */

@@ -26,8 +26,8 @@ static pbs_code push(stack *s, uint32_t node, const double m[12], pbs_err *err) 
 /* Children have smaller ids than their parents, so the stack is never higher than there are
  * nodes. */
 pbs_code pbs_dag_walk(pbs_run *run, const pbs_node *nodes, size_t count,
-                      pbs_code (*visit)(void *ctx, uint32_t node, const double m[12],
-                                        bool *descend, pbs_err *err),
+                      pbs_code (*visit)(void *ctx, uint32_t node, const double m[12], bool *descend,
+                                        pbs_err *err),
                       void *ctx, pbs_err *err) {
     stack s = {.run = run};
     bool descend = true;

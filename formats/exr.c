@@ -22,13 +22,20 @@ static const struct plane {
     int component;
     bool half;
 } planes[PLANES] = {
-    {"position", "P.X", PBS_POSITION, 0, false}, {"position", "P.Y", PBS_POSITION, 1, false},
-    {"position", "P.Z", PBS_POSITION, 2, false}, {"normal", "N.X", PBS_NORMAL, 0, false},
-    {"normal", "N.Y", PBS_NORMAL, 1, false},     {"normal", "N.Z", PBS_NORMAL, 2, false},
-    {"colour", "R", PBS_COLOUR, 0, true},        {"colour", "G", PBS_COLOUR, 1, true},
-    {"colour", "B", PBS_COLOUR, 2, true},        {"colour", "A", PBS_COLOUR, 3, true},
-    {"material", "metallic", PBS_MATERIAL, 0, true}, {"material", "roughness", PBS_MATERIAL, 1, true},
-    {"emissive", "E.R", PBS_EMISSIVE, 0, true},  {"emissive", "E.G", PBS_EMISSIVE, 1, true},
+    {"position", "P.X", PBS_POSITION, 0, false},
+    {"position", "P.Y", PBS_POSITION, 1, false},
+    {"position", "P.Z", PBS_POSITION, 2, false},
+    {"normal", "N.X", PBS_NORMAL, 0, false},
+    {"normal", "N.Y", PBS_NORMAL, 1, false},
+    {"normal", "N.Z", PBS_NORMAL, 2, false},
+    {"colour", "R", PBS_COLOUR, 0, true},
+    {"colour", "G", PBS_COLOUR, 1, true},
+    {"colour", "B", PBS_COLOUR, 2, true},
+    {"colour", "A", PBS_COLOUR, 3, true},
+    {"material", "metallic", PBS_MATERIAL, 0, true},
+    {"material", "roughness", PBS_MATERIAL, 1, true},
+    {"emissive", "E.R", PBS_EMISSIVE, 0, true},
+    {"emissive", "E.G", PBS_EMISSIVE, 1, true},
     {"emissive", "E.B", PBS_EMISSIVE, 2, true},
 };
 
@@ -41,10 +48,15 @@ static float component(const pbs_points *p, size_t i, const struct plane *pl) {
     float n[3];
     int k = pl->component;
     switch (pl->channel) {
-    case PBS_POSITION: return p->position[3 * i + k];
-    case PBS_NORMAL: pbs_oct_decode(n, p->normal + 2 * i); return n[k];
-    case PBS_MATERIAL: return p->material[4 * i + k] / 255.0f;
-    case PBS_EMISSIVE: return pbs_srgb_to_linear(p->emissive[4 * i + k] / 255.0f);
+    case PBS_POSITION:
+        return p->position[3 * i + k];
+    case PBS_NORMAL:
+        pbs_oct_decode(n, p->normal + 2 * i);
+        return n[k];
+    case PBS_MATERIAL:
+        return p->material[4 * i + k] / 255.0f;
+    case PBS_EMISSIVE:
+        return pbs_srgb_to_linear(p->emissive[4 * i + k] / 255.0f);
     default:
         return k == 3 ? p->colour[4 * i + 3] / 255.0f
                       : pbs_srgb_to_linear(p->colour[4 * i + k] / 255.0f);
@@ -164,8 +176,7 @@ static void add_point(view *v, size_t i) {
     for (int k = 0; k < 4 && p->material; k++)
         p->material[4 * at + k] = k < 2 ? pbs_unorm8(v->plane[10 + k][i]) : 0;
     for (int k = 0; k < 4 && p->emissive; k++)
-        p->emissive[4 * at + k] =
-            k < 3 ? pbs_unorm8(pbs_linear_to_srgb(v->plane[12 + k][i])) : 0;
+        p->emissive[4 * at + k] = k < 3 ? pbs_unorm8(pbs_linear_to_srgb(v->plane[12 + k][i])) : 0;
 }
 
 /* The planes gathered so far are one view: its covered pixels become candidates. */
@@ -190,7 +201,8 @@ static pbs_code take_plane(view *v, const pbs_exr_part *part, const pbs_exr_plan
     int i = plane_of(part->name, from->channel);
     if (i < 0 || v->plane[i]) return PBS_OK;
     size_t n = (size_t)part->width * part->height;
-    pbs_code rc = pbs_alloc(v->run, &v->plane[i], n, sizeof(float), "the planes of an EXR file", err);
+    pbs_code rc =
+        pbs_alloc(v->run, &v->plane[i], n, sizeof(float), "the planes of an EXR file", err);
     for (size_t k = 0; k < n && !rc; k++) v->plane[i][k] = from->data[k * from->stride];
     return rc;
 }

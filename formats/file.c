@@ -22,17 +22,25 @@ static pbs_code map_fd(int fd, uint64_t size, const uint8_t **bytes) {
     return PBS_OK;
 }
 
+/* Opening a FIFO waits for its other end; a signal ends that. */
+static pbs_code open_failed(const pbs_run *run, const char *name, pbs_err *err) {
+    pbs_code rc = errno == EINTR ? pbs_run_check(run, err) : PBS_OK;
+    return rc ? rc : pbs_fail_errno(err, "%s", name);
+}
+
 pbs_code pbs_input_open(pbs_run *run, const char *path, pbs_input *in, pbs_err *err) {
     memset(in, 0, sizeof *in);
     in->run = run;
     bool standard = !path || !strcmp(path, "-");
     snprintf(in->name, sizeof in->name, "%s", standard ? "standard input" : path);
     in->fd = standard ? dup(0) : open(path, O_RDONLY | O_CLOEXEC);
-    if (in->fd < 0) return pbs_fail_errno(err, "%s", in->name);
+    if (in->fd < 0) return open_failed(run, in->name, err);
     struct stat st;
     pbs_code rc = PBS_OK;
-    if (fstat(in->fd, &st)) rc = pbs_fail_errno(err, "%s", in->name);
-    else if (S_ISDIR(st.st_mode)) rc = pbs_fail(err, PBS_DATA, "%s: is a directory", in->name);
+    if (fstat(in->fd, &st))
+        rc = pbs_fail_errno(err, "%s", in->name);
+    else if (S_ISDIR(st.st_mode))
+        rc = pbs_fail(err, PBS_DATA, "%s: is a directory", in->name);
     else if (standard && isatty(in->fd))
         rc = pbs_fail(err, PBS_USAGE, "standard input is a terminal: name a file or pipe one in");
     else if (S_ISREG(st.st_mode) && lseek(in->fd, 0, SEEK_CUR) == 0) {
@@ -40,7 +48,8 @@ pbs_code pbs_input_open(pbs_run *run, const char *path, pbs_input *in, pbs_err *
         if (map_fd(in->fd, in->size, &in->bytes)) rc = pbs_fail_errno(err, "%s: map", in->name);
         in->mapped = !rc;
     }
-    if (rc) close(in->fd), in->fd = -1;
+    /* A map needs no descriptor, and a program may have thousands of inputs. */
+    if (rc || in->mapped) close(in->fd), in->fd = -1;
     return rc;
 }
 
@@ -56,6 +65,8 @@ static pbs_code read_fully(pbs_input *in, uint8_t *to, size_t n, size_t *got, pb
         }
         if (r < 0) return pbs_fail_errno(err, "%s", in->name);
         *got += (size_t)r;
+        pbs_code rc = *got < n ? pbs_run_check(in->run, err) : PBS_OK;
+        if (rc) return rc;
     }
     return PBS_OK;
 }
@@ -125,10 +136,14 @@ pbs_code pbs_map_file(const char *path, const uint8_t **bytes, size_t *size, pbs
     if (fd < 0) return pbs_fail_errno(err, "%s", path);
     struct stat st;
     pbs_code rc = PBS_OK;
-    if (fstat(fd, &st)) rc = pbs_fail_errno(err, "%s", path);
-    else if (!S_ISREG(st.st_mode)) rc = pbs_fail(err, PBS_IO, "%s: not a regular file", path);
-    else if (map_fd(fd, (uint64_t)st.st_size, bytes)) rc = pbs_fail_errno(err, "%s: map", path);
-    else *size = (size_t)st.st_size;
+    if (fstat(fd, &st))
+        rc = pbs_fail_errno(err, "%s", path);
+    else if (!S_ISREG(st.st_mode))
+        rc = pbs_fail(err, PBS_IO, "%s: not a regular file", path);
+    else if (map_fd(fd, (uint64_t)st.st_size, bytes))
+        rc = pbs_fail_errno(err, "%s: map", path);
+    else
+        *size = (size_t)st.st_size;
     close(fd);
     return rc;
 }
@@ -144,9 +159,11 @@ static pbs_code take_buffer(pbs_run *run, pbs_output *out, pbs_err *err) {
     return pbs_alloc(run, &out->buffer, BUFFER, 1, "the output buffer", err);
 }
 
-/* A file without a name in the folder of path: a crash, or kill -9, leaves nothing behind. */
+/* A file without a name in the folder of path: a crash, or kill -9, leaves nothing behind. It gets
+ * its name through /proc at the end. */
 static int open_nameless(const char *path) {
 #ifdef O_TMPFILE
+    if (access("/proc/self/fd", X_OK)) return -1;
     char dir[4096];
     const char *slash = strrchr(path, '/');
     int n = slash ? (int)(slash - path + 1) : 0;
@@ -162,22 +179,18 @@ static char *beside(const char *path) {
     const char *slash = strrchr(path, '/');
     int n = slash ? (int)(slash - path + 1) : 0;
     char *name;
-    if (asprintf(&name, "%.*s.%s.%ld.tmp", n, path, path + n, (long)getpid()) < 0) return NULL;
+    /* Names end at 255 bytes; what makes this one longer than the file's must fit. */
+    if (asprintf(&name, "%.*s.%.200s.%ld.tmp", n, path, path + n, (long)getpid()) < 0) return NULL;
     return name;
 }
 
-static pbs_code open_file(const char *path, pbs_output *out, pbs_err *err) {
-    struct stat st;
-    if (!stat(path, &st) && S_ISDIR(st.st_mode))
-        return pbs_fail(err, PBS_IO, "%s: is a directory", path);
-    if (!stat(path, &st) && !S_ISREG(st.st_mode)) { /* /dev/null, a FIFO: written as it is */
-        out->fd = open(path, O_WRONLY | O_CLOEXEC);
-        return out->fd < 0 ? pbs_fail_errno(err, "%s", path) : PBS_OK;
-    }
-    if (!(out->path = strdup(path))) return pbs_fail(err, PBS_LIMIT, "no memory");
+static pbs_code open_beside(const char *path, pbs_output *out, pbs_err *err) {
+    /* A link stays: its file is replaced. /dev/stdout is a link, too. */
+    out->path = realpath(path, NULL);
+    if (!out->path && !(out->path = strdup(path))) return pbs_fail(err, PBS_LIMIT, "no memory");
     out->seekable = true;
-    if ((out->fd = open_nameless(path)) >= 0) return PBS_OK;
-    if (!(out->temporary = beside(path))) return pbs_fail(err, PBS_LIMIT, "no memory");
+    if ((out->fd = open_nameless(out->path)) >= 0) return PBS_OK;
+    if (!(out->temporary = beside(out->path))) return pbs_fail(err, PBS_LIMIT, "no memory");
     out->fd = open(out->temporary, O_CREAT | O_TRUNC | O_RDWR | O_CLOEXEC, 0666);
     if (out->fd >= 0) return PBS_OK;
     pbs_code rc = pbs_fail_errno(err, "%s", path);
@@ -186,16 +199,33 @@ static pbs_code open_file(const char *path, pbs_output *out, pbs_err *err) {
     return rc;
 }
 
+static pbs_code open_file(pbs_run *run, const char *path, pbs_output *out, pbs_err *err) {
+    struct stat st;
+    bool there = !stat(path, &st);
+    if (there && S_ISDIR(st.st_mode)) return pbs_fail(err, PBS_IO, "%s: is a directory", path);
+    if (there && !S_ISREG(st.st_mode)) { /* /dev/null, a FIFO: written as it is */
+        out->fd = open(path, O_WRONLY | O_CLOEXEC);
+        return out->fd < 0 ? open_failed(run, path, err) : PBS_OK;
+    }
+    pbs_code rc = open_beside(path, out, err);
+    /* Who could read the file before can read it after, and nobody else. */
+    if (!rc && there && fchmod(out->fd, st.st_mode & 0777)) rc = pbs_fail_errno(err, "%s", path);
+    return rc;
+}
+
 pbs_code pbs_output_open(pbs_run *run, const char *path, pbs_output *out, pbs_err *err) {
     memset(out, 0, sizeof *out);
     out->fd = -1;
+    out->run = run;
     bool standard = !path || !strcmp(path, "-");
     snprintf(out->name, sizeof out->name, "%s", standard ? "standard output" : path);
     pbs_code rc = PBS_OK;
-    if (!standard) rc = open_file(path, out, err);
+    if (!standard)
+        rc = open_file(run, path, out, err);
     else if (isatty(1))
         rc = pbs_fail(err, PBS_USAGE, "standard output is a terminal: give -o FILE or a pipe");
-    else if ((out->fd = dup(1)) < 0) rc = pbs_fail_errno(err, "%s", out->name);
+    else if ((out->fd = dup(1)) < 0)
+        rc = pbs_fail_errno(err, "%s", out->name);
     if (!rc) rc = take_buffer(run, out, err);
     if (rc) pbs_output_close(out);
     return rc;
@@ -228,6 +258,11 @@ static pbs_code write_fully(pbs_output *out, const uint8_t *p, size_t n, pbs_err
         if (w < 0) return pbs_fail_errno(err, "%s", out->name);
         p += w;
         n -= (size_t)w;
+        /* A signal that comes while a pipe is full ends the write early and without EINTR. */
+        if (n) {
+            pbs_code rc = pbs_run_check(out->run, err);
+            if (rc) return rc;
+        }
     }
     return PBS_OK;
 }
@@ -250,8 +285,7 @@ pbs_code pbs_output_write(pbs_output *out, const void *bytes, size_t n, pbs_err 
     return PBS_OK;
 }
 
-pbs_code pbs_output_patch(pbs_output *out, uint64_t at, const void *bytes, size_t n,
-                          pbs_err *err) {
+pbs_code pbs_output_patch(pbs_output *out, uint64_t at, const void *bytes, size_t n, pbs_err *err) {
     pbs_code rc = pbs_output_flush(out, err);
     if (rc) return rc;
     for (size_t done = 0; done < n;) {
@@ -311,7 +345,7 @@ pbs_code pbs_output_reopen(pbs_output *out, pbs_input *in, pbs_err *err) {
         memcpy(in->name, out->name, sizeof in->name);
         if (map_fd(out->fd, in->size, &in->bytes)) rc = pbs_fail_errno(err, "%s: map", out->name);
     }
-    if (!rc) in->fd = dup(out->fd), in->mapped = true;
+    in->mapped = !rc;
     pbs_output_close(out);
     return rc;
 }

@@ -10,13 +10,13 @@
 #include "libcore/run.h"
 
 typedef struct pbs_input {
-    int fd;
-    bool mapped;          /* bytes and size are valid, and fd can be read at random */
+    int fd;               /* -1 if mapped */
+    bool mapped;          /* bytes and size are valid */
     const uint8_t *bytes; /* of the whole file; NULL if it is empty */
     uint64_t size;
-    uint8_t *ahead;       /* of a pipe: the first bytes, read to see what it is */
+    uint8_t *ahead; /* of a pipe: the first bytes, read to see what it is */
     size_t ahead_size, ahead_used;
-    char name[512];       /* for messages: the path or "standard input" */
+    char name[512]; /* for messages: the path or "standard input" */
     pbs_run *run;
 } pbs_input;
 

@@ -97,10 +97,9 @@ static uint8_t *put_vertices(const pbs_builder *b, uint8_t *p, uint32_t arrays) 
 
 static pbs_code emit(pbs_builder *b, pbs_err *err) {
     if (!b->triangles) return PBS_OK;
-    uint32_t arrays = (b->has_normal ? HAS_NORMAL : 0u) |
-                      (b->corners & PBS_CORNER_UV ? HAS_UV : 0u) |
-                      (b->corners & PBS_CORNER_COLOUR ? HAS_COLOUR : 0u) |
-                      (b->mixed ? HAS_MATERIAL : 0u);
+    uint32_t arrays =
+        (b->has_normal ? HAS_NORMAL : 0u) | (b->corners & PBS_CORNER_UV ? HAS_UV : 0u) |
+        (b->corners & PBS_CORNER_COLOUR ? HAS_COLOUR : 0u) | (b->mixed ? HAS_MATERIAL : 0u);
     uint8_t head[HEAD];
     pbs_put_u32(head, b->vertices);
     pbs_put_u32(head + 4, b->triangles);
@@ -217,8 +216,8 @@ static bool is_zero_sum(const double t[6]) {
 /* Twice the area of the projection along an axis: products of floats are exact in double. */
 static bool is_exactly_flat(const vertex v[3], int x, int y) {
     const float *a = v[0].position, *b = v[1].position, *c = v[2].position;
-    const double t[6] = {(double)a[x] * b[y], -(double)a[y] * b[x], (double)b[x] * c[y],
-                         -(double)b[y] * c[x], (double)c[x] * a[y], -(double)c[y] * a[x]};
+    const double t[6] = {(double)a[x] * b[y],  -(double)a[y] * b[x], (double)b[x] * c[y],
+                         -(double)b[y] * c[x], (double)c[x] * a[y],  -(double)c[y] * a[x]};
     return is_zero_sum(t);
 }
 

@@ -14,7 +14,10 @@
 extern "C" {
 #endif
 
-#define PBS_MODULE_ABI 1
+/* Changes whenever a struct that crosses the border does, so that a module of another build is
+ * refused and not called. */
+#define PBS_MODULE_ABI                                                                             \
+    ((int)(1000000 + 10000 * sizeof(pbs_run) + 100 * sizeof(pbs_sink) + sizeof(pbs_err)))
 
 /* gltf.so: tinygltf and Draco. */
 typedef struct pbs_module_gltf {
@@ -40,7 +43,7 @@ typedef struct pbs_exr_plane {
     const char *channel; /* "P.X", "N.Z", "R", ... */
     float *data;         /* width * height * stride */
     uint32_t stride;
-    int half;            /* store as half float */
+    int half; /* store as half float */
 } pbs_exr_plane;
 typedef struct pbs_exr_part {
     const char *name; /* "view0" */
@@ -55,8 +58,8 @@ typedef struct pbs_module_exr {
     /* Reads part after part: calls sink with all float, half and uint channels of a part as float
      * planes with stride 1, which are borrowed. Scanline and tiled, not deep. */
     pbs_code (*read)(pbs_run *run, const char *path,
-                     pbs_code (*sink)(void *ctx, const pbs_exr_part *part, pbs_err *err),
-                     void *ctx, pbs_err *err);
+                     pbs_code (*sink)(void *ctx, const pbs_exr_part *part, pbs_err *err), void *ctx,
+                     pbs_err *err);
 } pbs_module_exr;
 
 /* *table points to the module's table, for as long as the program runs. counted: bytes that

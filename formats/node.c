@@ -1,6 +1,5 @@
 #include "formats/node.h"
 #include "formats/wire.h"
-#include <stdlib.h>
 #include <string.h>
 
 /* The fixed part; then the name, zeros to a multiple of 8, and the children. */
@@ -25,8 +24,12 @@ enum {
     CHILD_NAME_AT = 104
 };
 
-static size_t name_bytes(const char *name) { return name ? strlen(name) : 0; }
-static size_t padded(size_t n) { return n + (size_t)pbs_padding(n, 8); }
+static size_t name_bytes(const char *name) {
+    return name ? strlen(name) : 0;
+}
+static size_t padded(size_t n) {
+    return n + (size_t)pbs_padding(n, 8);
+}
 
 static size_t node_size(const pbs_node *n) {
     size_t size = FIXED + padded(name_bytes(n->name));
@@ -61,10 +64,12 @@ static uint8_t *put_name(uint8_t *p, const char *name) {
     return p + padded(n);
 }
 
-pbs_code pbs_node_write(pbs_writer *w, const pbs_node *n, pbs_err *err) {
+pbs_code pbs_node_write(pbs_run *run, pbs_writer *w, const pbs_node *n, pbs_err *err) {
     size_t size = node_size(n);
-    uint8_t *buf = calloc(1, size);
-    if (!buf) return pbs_fail(err, PBS_LIMIT, "no memory for a node of %zu bytes", size);
+    uint8_t *buf;
+    pbs_code rc = pbs_alloc(run, &buf, size, 1, "a node", err);
+    if (rc) return rc;
+    memset(buf, 0, size);
     put_fixed(buf, n);
     uint8_t *p = put_name(buf + FIXED, n->name);
     for (uint32_t i = 0; i < n->child_count; i++) {
@@ -77,8 +82,8 @@ pbs_code pbs_node_write(pbs_writer *w, const pbs_node *n, pbs_err *err) {
     }
     pbs_chunk c = {.tag = PBS_TAG_NODE, .node = n->id, .count = 1};
     pbs_piece piece = {buf, size};
-    pbs_code rc = pbs_writer_chunk(w, &c, &piece, 1, err);
-    free(buf);
+    rc = pbs_writer_chunk(w, &c, &piece, 1, err);
+    pbs_free(run, buf);
     return rc;
 }
 
@@ -142,8 +147,8 @@ static pbs_code get_name(pbs_run *run, cursor *c, size_t bytes, const char **nam
 static pbs_code get_children(pbs_run *run, cursor *cur, pbs_node *n, bool *ok, pbs_err *err) {
     *ok = n->child_count <= cur->left / CHILD_FIXED;
     if (!*ok || !n->child_count) return PBS_OK;
-    pbs_code rc = pbs_alloc(run, &n->children, n->child_count, sizeof *n->children,
-                            "a node's children", err);
+    pbs_code rc =
+        pbs_alloc(run, &n->children, n->child_count, sizeof *n->children, "a node's children", err);
     if (rc) return rc;
     memset(n->children, 0, n->child_count * sizeof *n->children);
     for (uint32_t i = 0; i < n->child_count && *ok && !rc; i++) {

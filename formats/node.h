@@ -11,14 +11,14 @@
 
 typedef struct pbs_node {
     uint32_t id;
-    const char *name;    /* UTF-8, "" for none */
-    double origin[3];    /* positions of the node's data are relative to it */
-    pbs_box box;         /* in the node's coordinates, origin included; empty: nothing in it */
-    uint64_t triangles;  /* of the node and everything below, instances counted each time */
-    uint64_t records;    /* of the node's own data: triangles, candidates or surfels */
-    double pixel;        /* side of the pixels that its candidates come from; 0: unknown */
-    double covering;     /* covering radius of its surfels; 0: not sampled */
-    double median;       /* median distance to the nearest neighbour among the first median_count */
+    const char *name;   /* UTF-8, "" for none */
+    double origin[3];   /* positions of the node's data are relative to it */
+    pbs_box box;        /* in the node's coordinates, origin included; empty: nothing in it */
+    uint64_t triangles; /* of the node and everything below, instances counted each time */
+    uint64_t records;   /* of the node's own data: triangles, candidates or surfels */
+    double pixel;       /* side of the pixels that its candidates come from; 0: unknown */
+    double covering;    /* covering radius of its surfels; 0: not sampled */
+    double median;      /* median distance to the nearest neighbour among the first median_count */
     uint32_t median_count; /* surfels: r_m and p_m of paper 1, section 4.1; 0: not sampled */
     double lattice_min[3], lattice; /* quantised positions: min + lattice * integer, relative to
                                        origin; lattice 0: positions are floats */
@@ -27,7 +27,7 @@ typedef struct pbs_node {
 } pbs_node;
 
 /* Writes the node as a chunk. Errors: PBS_LIMIT if it has millions of children. */
-pbs_code pbs_node_write(pbs_writer *w, const pbs_node *node, pbs_err *err);
+pbs_code pbs_node_write(pbs_run *run, pbs_writer *w, const pbs_node *node, pbs_err *err);
 
 /* name and children are allocated with pbs_alloc(run): give them back with pbs_node_free. expect:
  * the id it must have, since ids count up. Everything is checked: children below the node, numbers

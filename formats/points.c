@@ -44,8 +44,7 @@ void pbs_record_text(const pbs_record *r, char out[256]) {
                          r->packed ? channel[i].packed_text : channel[i].text);
 }
 
-pbs_code pbs_record_parse(const char *place, const char *channels, pbs_record *out,
-                          pbs_err *err) {
+pbs_code pbs_record_parse(const char *place, const char *channels, pbs_record *out, pbs_err *err) {
     /* The text is canonical, so: find the channels named, and see whether they give this text. */
     uint32_t bits = 0;
     bool packed = strstr(channels, "position:u16x3") != NULL;
@@ -65,12 +64,18 @@ pbs_code pbs_record_parse(const char *place, const char *channels, pbs_record *o
 
 static void *field(pbs_points *p, uint32_t which) {
     switch (which) {
-    case PBS_POSITION: return &p->position;
-    case PBS_SPACING: return &p->spacing;
-    case PBS_NORMAL: return &p->normal;
-    case PBS_COLOUR: return &p->colour;
-    case PBS_MATERIAL: return &p->material;
-    default: return &p->emissive;
+    case PBS_POSITION:
+        return &p->position;
+    case PBS_SPACING:
+        return &p->spacing;
+    case PBS_NORMAL:
+        return &p->normal;
+    case PBS_COLOUR:
+        return &p->colour;
+    case PBS_MATERIAL:
+        return &p->material;
+    default:
+        return &p->emissive;
     }
 }
 
@@ -160,10 +165,8 @@ pbs_code pbs_points_write(pbs_run *run, pbs_writer *w, const pbs_record *r, uint
     for (size_t i = 0; i < p->count && !rc; i += limit) {
         size_t n = p->count - i < limit ? p->count - i : limit;
         pack(r, p, i, n, buf, lattice);
-        pbs_chunk c = {.tag = PBS_TAG_POINTS,
-                       .node = node,
-                       .count = (uint32_t)n,
-                       .first = (uint32_t)(at + i)};
+        pbs_chunk c = {
+            .tag = PBS_TAG_POINTS, .node = node, .count = (uint32_t)n, .first = (uint32_t)(at + i)};
         pbs_piece piece = {buf, n * r->stride};
         rc = pbs_writer_chunk(w, &c, &piece, 1, err);
     }
@@ -181,11 +184,28 @@ static void unpack_lattice(const pbs_record *r, const uint8_t *from, size_t n, p
     }
 }
 
-pbs_code pbs_points_read(const char *place, const pbs_record *r, const pbs_chunk *c,
-                         pbs_points *p, const pbs_lattice *lattice, pbs_err *err) {
-    if (c->bytes != (uint64_t)c->count * r->stride || c->first != p->count)
-        return pbs_fail(err, PBS_DATA, "%s: node %u: %u points in %llu bytes from number %u on: damaged",
-                        place, c->node, c->count, (unsigned long long)c->bytes, c->first);
+pbs_code pbs_points_fit(const char *place, const pbs_record *r, const pbs_chunk *c, uint64_t have,
+                        pbs_err *err) {
+    if (c->bytes == (uint64_t)c->count * r->stride && c->first == have) return PBS_OK;
+    return pbs_fail(err, PBS_DATA,
+                    "%s: node %u: %u points in %llu bytes from number %u on: damaged", place,
+                    c->node, c->count, (unsigned long long)c->bytes, c->first);
+}
+
+const char *pbs_points_fault(const pbs_points *p, size_t first) {
+    for (size_t i = first; i < p->count; i++) {
+        for (int k = 0; k < 3; k++)
+            if (!isfinite(p->position[3 * i + k])) return "a position is not finite";
+        if (p->spacing && (!(p->spacing[i] >= 0) || !isfinite(p->spacing[i])))
+            return "a spacing is not a distance";
+    }
+    return NULL;
+}
+
+pbs_code pbs_points_read(const char *place, const pbs_record *r, const pbs_chunk *c, pbs_points *p,
+                         const pbs_lattice *lattice, pbs_err *err) {
+    pbs_code rc = pbs_points_fit(place, r, c, p->count, err);
+    if (rc) return rc;
     const uint8_t *from = c->payload;
     if (r->packed) unpack_lattice(r, from, c->count, p, lattice);
     for (size_t i = 0; i < CHANNELS; i++) {

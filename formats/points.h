@@ -3,8 +3,8 @@
  * A chunk holds `count` records of one node, from record `first` on, one after the other; what a
  * record holds is the header's channels line, in this order, without gaps:
  *
- *     streams   position:f32x3 [spacing:f32] [normal:i16x2] [colour:u8x4] [material:u8x4] [emissive:u8x4]
- *     archives  position:u16x3 spacing:f16   [normal:i16x2] ...
+ *     streams   position:f32x3 [spacing:f32] [normal:i16x2] [colour:u8x4] [material:u8x4]
+ * [emissive:u8x4] archives  position:u16x3 spacing:f16   [normal:i16x2] ...
  *
  * Records are whole, one after the other, so that the prefix of a node is one range of bytes.
  */
@@ -49,8 +49,16 @@ static inline uint64_t pbs_points_chunks(uint64_t count, uint32_t limit) {
     return (count + limit - 1) / limit;
 }
 
-/* Appends a chunk's records to p, which has room for them. Errors: PBS_DATA if the chunk's size
- * or first does not fit. */
+/* Whether a chunk (or its entry in the directory) has the size of its points and goes on after
+ * `have` of them; to be asked before room is made. Errors: PBS_DATA. */
+pbs_code pbs_points_fit(const char *place, const pbs_record *r, const pbs_chunk *chunk,
+                        uint64_t have, pbs_err *err);
+
+/* What is wrong with the values of points `first` on, or NULL: a position that is not finite, a
+ * spacing that is no distance. */
+const char *pbs_points_fault(const pbs_points *p, size_t first);
+
+/* Appends a chunk's records to p, which has room for them. Errors: as pbs_points_fit. */
 pbs_code pbs_points_read(const char *place, const pbs_record *r, const pbs_chunk *chunk,
                          pbs_points *p, const pbs_lattice *lattice, pbs_err *err);
 #endif

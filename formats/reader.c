@@ -14,8 +14,8 @@ struct pbs_reader {
     pbs_kind kind;
     char *text, *channels, *history;
     uint64_t at, header_bytes;
-    uint64_t dropped; /* of a map read front to back: the pages before it are given back */
-    uint64_t chunks, pages; /* seen so far */
+    uint64_t dropped;         /* of a map read front to back: the pages before it are given back */
+    uint64_t chunks, pages;   /* seen so far */
     uint64_t dir_at, dir_end; /* where directory pages were seen */
     uint32_t chain;
     uint8_t *buffer; /* payload of a piped chunk */
@@ -95,8 +95,10 @@ static pbs_code parse_text(pbs_reader *r, pbs_err *err) {
                 if (!strncmp(line + 4, pbs_kind_name[k], n) && line[4 + n] == ' ')
                     r->kind = (pbs_kind)k;
             }
-        else if (!strncmp(line, "channels ", 9)) r->channels = line + 9;
-        else history += sprintf(history, "%s\n", line);
+        else if (!strncmp(line, "channels ", 9))
+            r->channels = line + 9;
+        else
+            history += sprintf(history, "%s\n", line);
     }
     if (r->kind == PBS_KINDS)
         return pbs_fail(err, PBS_DATA, "%s: a kind of pbs file that this program does not know",
@@ -190,8 +192,7 @@ static pbs_code parse_chunk(pbs_reader *r, const uint8_t *h, pbs_chunk *c, pbs_e
     c->crc = pbs_get_u32(h + CHUNK_CRC_AT);
     c->first = pbs_get_u32(h + CHUNK_FIRST_AT);
     char tag[5];
-    if (c->bytes > PBS_PAYLOAD_MAX)
-        return bad(r, err, "a chunk is larger than the format allows");
+    if (c->bytes > PBS_PAYLOAD_MAX) return bad(r, err, "a chunk is larger than the format allows");
     if (c->flags & 0xff)
         return pbs_fail(err, PBS_DATA, "%s: chunk %s: codec %u is not known", r->in.name,
                         pbs_tag_text(c->tag, tag), c->flags & 0xff);
@@ -220,8 +221,10 @@ static pbs_code fetch_payload(pbs_reader *r, pbs_chunk *c, pbs_err *err) {
 }
 
 static pbs_code note_page(pbs_reader *r, const pbs_chunk *c, pbs_err *err) {
-    if (!r->pages++) r->dir_at = c->offset;
-    else if (c->offset != r->dir_end) return bad(r, err, "directory pages that are apart");
+    if (!r->pages++)
+        r->dir_at = c->offset;
+    else if (c->offset != r->dir_end)
+        return bad(r, err, "directory pages that are apart");
     r->dir_end = r->at;
     return PBS_OK;
 }
@@ -238,7 +241,8 @@ static pbs_code check_footer(pbs_reader *r, const uint8_t *f, pbs_err *err) {
     if (pbs_get_u64(f + FOOTER_FILE_AT) != r->at) return bad(r, err, "the length is wrong");
     uint8_t one;
     size_t got = 0;
-    if (r->in.mapped) got = r->in.size > r->at;
+    if (r->in.mapped)
+        got = r->in.size > r->at;
     else {
         pbs_code rc = pbs_input_read(&r->in, &one, 1, &got, err);
         if (rc) return rc;
@@ -250,7 +254,9 @@ static pbs_code check_footer(pbs_reader *r, const uint8_t *f, pbs_err *err) {
 
 /* A footer is told from a chunk by its last eight bytes, which in a chunk header are a sequence
  * number and a checksum of everything before: they do not agree by chance. */
-static bool is_footer(const uint8_t *h) { return !memcmp(h + FOOTER_MAGIC_AT, PBS_END, 8); }
+static bool is_footer(const uint8_t *h) {
+    return !memcmp(h + FOOTER_MAGIC_AT, PBS_END, 8);
+}
 
 static pbs_code next_any(pbs_reader *r, pbs_chunk *c, bool *end, pbs_err *err) {
     uint8_t fixed[CHUNK_FIXED];
@@ -338,8 +344,8 @@ static pbs_code read_directory(pbs_reader *r, pbs_err *err) {
     if (pbs_get_u64(f + FOOTER_FILE_AT) != r->in.size || dir > r->in.size ||
         bytes > r->in.size - dir || total > bytes / ENTRY_SIZE)
         return bad(r, err, "the footer does not fit the file");
-    pbs_code rc = pbs_alloc(r->run, &r->entries, (size_t)total, sizeof *r->entries,
-                            "the directory", err);
+    pbs_code rc =
+        pbs_alloc(r->run, &r->entries, (size_t)total, sizeof *r->entries, "the directory", err);
     r->at = dir;
     for (uint64_t page = 0; !rc && (r->entry_count < total || !page); page++)
         rc = read_page(r, page, total, err);
@@ -369,6 +375,11 @@ pbs_code pbs_reader_at(pbs_reader *r, const pbs_chunk *entry, pbs_chunk *c, pbs_
     uint64_t at = r->at;
     const uint8_t *h = NULL;
     r->at = c->offset = entry->offset;
+    if (entry->offset % PBS_ALIGN) {
+        pbs_code rc = bad(r, err, "a chunk that is not aligned");
+        r->at = at;
+        return rc;
+    }
     pbs_code rc = fetch(r, NULL, CHUNK_FIXED, &h, err);
     if (!rc) rc = parse_chunk(r, h, c, err);
     if (!rc && (c->tag != entry->tag || c->flags != entry->flags || c->node != entry->node ||
@@ -380,12 +391,24 @@ pbs_code pbs_reader_at(pbs_reader *r, const pbs_chunk *entry, pbs_chunk *c, pbs_
     return rc;
 }
 
-pbs_kind pbs_reader_kind(const pbs_reader *r) { return r->kind; }
-const char *pbs_reader_name(const pbs_reader *r) { return r->in.name; }
-const char *pbs_reader_channels(const pbs_reader *r) { return r->channels ? r->channels : ""; }
-const char *pbs_reader_history(const pbs_reader *r) { return r->history; }
-bool pbs_reader_mapped(const pbs_reader *r) { return r->in.mapped; }
-uint64_t pbs_reader_bytes(const pbs_reader *r) { return r->in.mapped ? r->in.size : r->at; }
+pbs_kind pbs_reader_kind(const pbs_reader *r) {
+    return r->kind;
+}
+const char *pbs_reader_name(const pbs_reader *r) {
+    return r->in.name;
+}
+const char *pbs_reader_channels(const pbs_reader *r) {
+    return r->channels ? r->channels : "";
+}
+const char *pbs_reader_history(const pbs_reader *r) {
+    return r->history;
+}
+bool pbs_reader_mapped(const pbs_reader *r) {
+    return r->in.mapped;
+}
+uint64_t pbs_reader_bytes(const pbs_reader *r) {
+    return r->in.mapped ? r->in.size : r->at;
+}
 
 void pbs_reader_close(pbs_reader *r) {
     if (!r) return;

@@ -11,7 +11,8 @@ static uint64_t own_meshes(const void *ctx, uint32_t node) {
 
 static bool is_singular(const double m[12]) {
     double norm = 0, det = pbs_xform_det(m);
-    for (int r = 0; r < 3; r++) norm = fmax(norm, hypot(hypot(m[4 * r], m[4 * r + 1]), m[4 * r + 2]));
+    for (int r = 0; r < 3; r++)
+        norm = fmax(norm, hypot(hypot(m[4 * r], m[4 * r + 1]), m[4 * r + 2]));
     /* Relative to the largest axis, so that uniform scales of any size are fine. */
     return !(fabs(det) > 1e-30 * norm * norm * norm);
 }
@@ -59,6 +60,9 @@ static pbs_code center(const pbs_scene *s, pbs_flat *out, pbs_err *err) {
         if (rc) return rc;
         add_bounds(&out->box, &out->draws[i]);
     }
+    if (pbs_box_is_empty(&out->box))
+        return pbs_fail(err, PBS_DATA, "%s: transforms leave no finite vertex",
+                        pbs_reader_name(s->reader));
     for (int k = 0; k < 3; k++) {
         out->origin[k] = out->box.min[k] / 2 + out->box.max[k] / 2;
         if (!isfinite(out->box.max[k] - out->box.min[k]))
@@ -77,11 +81,13 @@ pbs_code pbs_scene_flatten(const pbs_scene *s, pbs_flat *out, pbs_err *err) {
     pbs_code rc = pbs_dag_count(s->run, s->nodes, s->node_count, own_meshes, s, &draws, err);
     if (rc) return rc;
     uint64_t n = draws[s->node_count - 1], triangles = s->nodes[s->node_count - 1].triangles;
-    if (!n) rc = pbs_fail(err, PBS_DATA, "%s: no triangles in it", name);
+    if (!n)
+        rc = pbs_fail(err, PBS_DATA, "%s: no triangles in it", name);
     else if (triangles > UINT32_MAX - 1 || n > SIZE_MAX / sizeof(pbs_draw))
-        rc = pbs_fail(err, PBS_DATA, "%s: %llu triangles with all instances: more than 2^32 - 2", name,
-                      (unsigned long long)triangles);
-    if (!rc) rc = pbs_alloc(s->run, &out->draws, (size_t)n, sizeof(pbs_draw), "the placed meshes", err);
+        rc = pbs_fail(err, PBS_DATA, "%s: %llu triangles with all instances: more than 2^32 - 2",
+                      name, (unsigned long long)triangles);
+    if (!rc)
+        rc = pbs_alloc(s->run, &out->draws, (size_t)n, sizeof(pbs_draw), "the placed meshes", err);
     unfold u = {s, draws, out};
     if (!rc) rc = pbs_dag_walk(s->run, s->nodes, s->node_count, place, &u, err);
     pbs_free(s->run, draws);

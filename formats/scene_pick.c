@@ -49,16 +49,20 @@ pbs_code pbs_import_pick(const char *path, const uint8_t *b, size_t size, pbs_im
         *fn = pbs_import_gltf;
     else if (begins(b, size, "ply\n") || begins(b, size, "ply\r") || ends(path, ".ply"))
         *fn = pbs_import_ply;
-    else if (ends(path, ".obj")) *fn = pbs_import_obj;
+    else if (ends(path, ".obj"))
+        *fn = pbs_import_obj;
     else {
         for (size_t i = 0; i < sizeof refused / sizeof refused[0]; i++)
             if ((refused[i].magic && begins(b, size, refused[i].magic)) ||
                 ends(path, refused[i].ending))
                 return pbs_fail(err, PBS_DATA, "%s", refused[i].what);
-        if (looks_like_stl(b, size, path)) *fn = pbs_import_stl;
+        if (looks_like_stl(b, size, path))
+            *fn = pbs_import_stl;
         else if (path && strcmp(path, "-"))
-            return pbs_fail(err, PBS_DATA, "not a scene file that is read (glTF, GLB, OBJ, PLY, STL)");
-        else *fn = pbs_import_obj; /* text on a pipe: OBJ has no magic */
+            return pbs_fail(err, PBS_DATA,
+                            "not a scene file that is read (glTF, GLB, OBJ, PLY, STL)");
+        else
+            *fn = pbs_import_obj; /* text on a pipe: OBJ has no magic */
     }
     return PBS_OK;
 }

@@ -128,7 +128,8 @@ static pbs_code add_mesh(pbs_scene *s, caps *cap, const pbs_chunk *c, pbs_err *e
     pbs_mesh *m = &s->meshes[s->mesh_count];
     rc = pbs_mesh_parse(pbs_reader_name(s->reader), c, m, err);
     if (rc) return rc;
-    if (!pbs_mesh_materials_fit(m, s->material_count)) return damaged(s, "mesh of node", c->node, err);
+    if (!pbs_mesh_materials_fit(m, s->material_count))
+        return damaged(s, "mesh of node", c->node, err);
     note_channels(s, m);
     s->mesh_count++;
     return PBS_OK;
@@ -138,8 +139,8 @@ static pbs_code add_node(pbs_scene *s, caps *cap, const pbs_chunk *c, pbs_err *e
     pbs_code rc = pbs_grow(s->run, &s->nodes, &cap->nodes, s->node_count + 1, sizeof *s->nodes,
                            "the table of nodes", err);
     if (!rc)
-        rc = pbs_grow(s->run, &s->first_mesh, &cap->first, s->node_count + 2,
-                      sizeof *s->first_mesh, "the table of nodes", err);
+        rc = pbs_grow(s->run, &s->first_mesh, &cap->first, s->node_count + 2, sizeof *s->first_mesh,
+                      "the table of nodes", err);
     if (!rc)
         rc = pbs_node_read(s->run, pbs_reader_name(s->reader), c, (uint32_t)s->node_count,
                            &s->nodes[s->node_count], err);
@@ -162,11 +163,16 @@ static pbs_code read_all(pbs_scene *s, pbs_err *err) {
         bool end;
         pbs_code rc = pbs_reader_next(s->reader, &c, &end, err);
         if (rc || end) return rc;
-        if (c.tag == PBS_TAG_TEXTURE) rc = add_texture(s, &cap, &c, err);
-        else if (c.tag == PBS_TAG_MATERIAL) rc = add_material(s, &cap, &c, err);
-        else if (c.tag == PBS_TAG_MESH) rc = add_mesh(s, &cap, &c, err);
-        else if (c.tag == PBS_TAG_NODE) rc = add_node(s, &cap, &c, err);
-        else if (c.tag == PBS_TAG_COUNTS) add_counts(s, &c);
+        if (c.tag == PBS_TAG_TEXTURE)
+            rc = add_texture(s, &cap, &c, err);
+        else if (c.tag == PBS_TAG_MATERIAL)
+            rc = add_material(s, &cap, &c, err);
+        else if (c.tag == PBS_TAG_MESH)
+            rc = add_mesh(s, &cap, &c, err);
+        else if (c.tag == PBS_TAG_NODE)
+            rc = add_node(s, &cap, &c, err);
+        else if (c.tag == PBS_TAG_COUNTS)
+            add_counts(s, &c);
         if (rc) return rc;
     }
 }
@@ -201,8 +207,8 @@ static pbs_code import_spool(pbs_run *run, pbs_input *in, const char *path,
              options && options->ignore_missing ? "--ignore-missing " : "", base_name(in->name));
     pbs_code rc = pbs_output_spool(run, &spool, err);
     if (rc) return rc;
-    rc = pbs_writer_open(run, &(pbs_writer_desc){.output = &spool, .kind = PBS_SCENE, .stage = stage},
-                         &w, err);
+    rc = pbs_writer_open(
+        run, &(pbs_writer_desc){.output = &spool, .kind = PBS_SCENE, .stage = stage}, &w, err);
     if (!rc) rc = pbs_scene_writer_new(run, w, options, &sw, err);
     if (!rc) rc = pbs_import_input(in, path, pbs_scene_sink(sw), err);
     if (!rc && (rc = pbs_scene_writer_end(sw, err))) pbs_fail_in(err, "%s", in->name);
@@ -229,13 +235,17 @@ pbs_code pbs_scene_open(pbs_run *run, const char *path, const pbs_scene_options 
         pbs_input_close(&in);
         if (!rc) in = scene;
     }
-    if (rc) pbs_input_close(&in);
-    else rc = open_stream(s, &in, err);
+    if (rc)
+        pbs_input_close(&in);
+    else
+        rc = open_stream(s, &in, err);
     if (rc) pbs_scene_close(s);
     return rc;
 }
 
-const char *pbs_scene_history(const pbs_scene *s) { return pbs_reader_history(s->reader); }
+const char *pbs_scene_history(const pbs_scene *s) {
+    return pbs_reader_history(s->reader);
+}
 
 void pbs_scene_close(pbs_scene *s) {
     pbs_run *run = s->run;

@@ -27,14 +27,13 @@ struct pbs_scene_writer {
     uint64_t skipped[PBS_SKIP_KINDS];
 };
 
-const char *const pbs_skip_text[PBS_SKIP_KINDS] = {
-    "triangles with NaN or infinite corners",
-    "triangles without area",
-    "points",
-    "line segments",
-    "placings with NaN or infinite transforms",
-    "missing textures or material libraries",
-    "polygons with fewer than 3 corners"};
+const char *const pbs_skip_text[PBS_SKIP_KINDS] = {"triangles with NaN or infinite corners",
+                                                   "triangles without area",
+                                                   "points",
+                                                   "line segments",
+                                                   "placings with NaN or infinite transforms",
+                                                   "missing textures or material libraries",
+                                                   "polygons with fewer than 3 corners"};
 
 static pbs_code put_texture(void *ctx, const char *name, const void *bytes, size_t size,
                             uint32_t *id, pbs_err *err) {
@@ -113,7 +112,7 @@ static pbs_code add_node(pbs_scene_writer *s, const pbs_node *n, uint32_t *id, p
     if (rc) return rc;
     s->nodes[s->node_count] = (below){n->triangles, n->box};
     *id = (uint32_t)s->node_count++;
-    return pbs_node_write(s->w, n, err);
+    return pbs_node_write(s->run, s->w, n, err);
 }
 
 static pbs_code part_end(void *ctx, uint32_t *id, pbs_err *err) {
@@ -198,7 +197,9 @@ pbs_code pbs_scene_writer_new(pbs_run *run, pbs_writer *w, const pbs_scene_optio
     return rc;
 }
 
-const pbs_sink *pbs_scene_sink(pbs_scene_writer *s) { return &s->sink; }
+const pbs_sink *pbs_scene_sink(pbs_scene_writer *s) {
+    return &s->sink;
+}
 
 pbs_code pbs_scene_writer_end(pbs_scene_writer *s, pbs_err *err) {
     pbs_builder_skips(s->builder, s->skipped);

@@ -24,17 +24,17 @@ extern "C" {
 enum { PBS_CORNER_NORMAL = 1, PBS_CORNER_UV = 2, PBS_CORNER_COLOUR = 4 };
 
 typedef struct pbs_corner {
-    double position[3];  /* local to the part, in double as the file has it */
-    float normal[3];     /* any length; zero or not finite: the triangle's own normal is used */
+    double position[3]; /* local to the part, in double as the file has it */
+    float normal[3];    /* any length; zero or not finite: the triangle's own normal is used */
     float uv[2];
-    uint8_t colour[4];   /* sRGB and linear alpha */
+    uint8_t colour[4]; /* sRGB and linear alpha */
 } pbs_corner;
 
 typedef struct pbs_child {
     uint32_t node;
-    double m[12];      /* child's coordinates to the assembly's (vec.h) */
-    const char *name;  /* of this placing, NULL: none */
-    uint32_t flags;    /* PBS_CHILD_MOVES: a glTF animation moves it */
+    double m[12];     /* child's coordinates to the assembly's (vec.h) */
+    const char *name; /* of this placing, NULL: none */
+    uint32_t flags;   /* PBS_CHILD_MOVES: a glTF animation moves it */
 } pbs_child;
 enum { PBS_CHILD_MOVES = 1 };
 
@@ -45,8 +45,8 @@ typedef enum pbs_skip {
     PBS_SKIP_POINTS,     /* point primitives, by the reader */
     PBS_SKIP_LINES,      /* line segments, by the reader */
     PBS_SKIP_TRANSFORM,  /* placing with a NaN or infinite transform, by the sink */
-    PBS_SKIP_TEXTURE,    /* texture or material library that is missing, where the user allowed it */
-    PBS_SKIP_POLYGON,    /* polygon with fewer than 3 corners, by the reader */
+    PBS_SKIP_TEXTURE, /* texture or material library that is missing, where the user allowed it */
+    PBS_SKIP_POLYGON, /* polygon with fewer than 3 corners, by the reader */
     PBS_SKIP_KINDS
 } pbs_skip;
 

@@ -27,10 +27,14 @@ __attribute__((target("sse4.2"))) static uint32_t crc_sse42(uint32_t c, const ui
     while (n--) c = __builtin_ia32_crc32qi(c, *p++);
     return c;
 }
-static bool has_sse42(void) { return __builtin_cpu_supports("sse4.2"); }
+static bool has_sse42(void) {
+    return __builtin_cpu_supports("sse4.2");
+}
 #else
 #define crc_sse42 crc_table
-static bool has_sse42(void) { return false; }
+static bool has_sse42(void) {
+    return false;
+}
 #endif
 
 uint32_t pbs_crc32c(uint32_t crc, const void *bytes, size_t n) {

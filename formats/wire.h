@@ -32,5 +32,7 @@ PBS_WIRE(double, f64)
 uint32_t pbs_crc32c(uint32_t crc, const void *bytes, size_t n);
 
 /* What is missing to the next multiple of `to`, a power of two. */
-static inline uint64_t pbs_padding(uint64_t n, uint64_t to) { return (0 - n) & (to - 1); }
+static inline uint64_t pbs_padding(uint64_t n, uint64_t to) {
+    return (0 - n) & (to - 1);
+}
 #endif

@@ -43,7 +43,11 @@ static char *header_text(const pbs_writer_desc *d) {
                      d->channels && *d->channels ? "channels " : "", d->channels ? d->channels : "",
                      d->channels && *d->channels ? "\n" : "", d->history ? d->history : "",
                      d->stage ? "stage " : "", d->stage ? d->stage : "", d->stage ? "\n" : "");
-    return n < 0 ? NULL : text;
+    if (n < 0) return NULL;
+    /* A stage names files, and a file's name may have line ends in it. */
+    for (char *c = text + n - (d->stage ? strlen(d->stage) + 1 : 0); *c && c[1]; c++)
+        if ((unsigned char)*c < 0x20 || *c == 0x7f) *c = '?';
+    return text;
 }
 
 static pbs_code write_header(pbs_writer *w, const pbs_writer_desc *d, pbs_err *err) {
@@ -126,8 +130,8 @@ static void chunk_header(uint8_t h[CHUNK_FIXED], const pbs_chunk *c, uint64_t se
 }
 
 static pbs_code add_entry(pbs_writer *w, const pbs_chunk *c, pbs_err *err) {
-    pbs_code rc = pbs_grow(w->run, &w->dir, &w->dir_cap, w->dir_bytes + ENTRY_SIZE, 1,
-                           "the directory", err);
+    pbs_code rc =
+        pbs_grow(w->run, &w->dir, &w->dir_cap, w->dir_bytes + ENTRY_SIZE, 1, "the directory", err);
     if (rc) return rc;
     uint8_t *e = w->dir + w->dir_bytes;
     pbs_put_u32(e + ENTRY_TAG_AT, c->tag);
@@ -142,8 +146,8 @@ static pbs_code add_entry(pbs_writer *w, const pbs_chunk *c, pbs_err *err) {
     return PBS_OK;
 }
 
-pbs_code pbs_writer_chunk(pbs_writer *w, const pbs_chunk *chunk, const pbs_piece *piece,
-                          int pieces, pbs_err *err) {
+pbs_code pbs_writer_chunk(pbs_writer *w, const pbs_chunk *chunk, const pbs_piece *piece, int pieces,
+                          pbs_err *err) {
     pbs_chunk c = *chunk;
     c.bytes = c.crc = 0;
     c.offset = w->out.written;

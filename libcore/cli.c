@@ -81,12 +81,14 @@ static pbs_code set_number(const pbs_option *o, void *field, const char *value, 
     pbs_code rc = pbs_cli_number(value, o->type, &v, err);
     if (rc) return pbs_fail_in(err, "--%s", o->name);
     if (v < o->min || (o->max != 0 && v > o->max))
-        return o->max != 0 ? pbs_fail(err, PBS_USAGE, "--%s: %s: must be from %.16g to %.16g", o->name,
-                                      value, o->min, o->max)
+        return o->max != 0 ? pbs_fail(err, PBS_USAGE, "--%s: %s: must be from %.16g to %.16g",
+                                      o->name, value, o->min, o->max)
                            : pbs_fail(err, PBS_USAGE, "--%s: %s: must be at least %.16g", o->name,
                                       value, o->min);
-    if (o->type == PBS_REAL) memcpy(field, &v, sizeof v);
-    else memcpy(field, &(uint64_t){(uint64_t)v}, sizeof(uint64_t));
+    if (o->type == PBS_REAL)
+        memcpy(field, &v, sizeof v);
+    else
+        memcpy(field, &(uint64_t){(uint64_t)v}, sizeof(uint64_t));
     return PBS_OK;
 }
 
@@ -108,10 +110,16 @@ static pbs_code set(parser *p, const pbs_option *o, const char *value) {
     void *field = (char *)(own ? p->options : (void *)p->common) + o->offset;
     if (own) p->common->given |= (uint64_t)1 << (o - p->tool->options);
     switch (o->type) {
-    case PBS_FLAG: *(bool *)field = true; return PBS_OK;
-    case PBS_TEXT: memcpy(field, &value, sizeof value); return PBS_OK;
-    case PBS_CHOICE: return set_choice(o, field, value, p->err);
-    default: return set_number(o, field, value, p->err);
+    case PBS_FLAG:
+        *(bool *)field = true;
+        return PBS_OK;
+    case PBS_TEXT:
+        memcpy(field, &value, sizeof value);
+        return PBS_OK;
+    case PBS_CHOICE:
+        return set_choice(o, field, value, p->err);
+    default:
+        return set_number(o, field, value, p->err);
     }
 }
 
@@ -123,7 +131,8 @@ static pbs_code parse_long(parser *p, char *arg, char *next, int *used) {
     char *eq = strchr(arg, '=');
     size_t n = eq ? (size_t)(eq - arg) : strlen(arg);
     const pbs_option *o = find(p->tool, 0, arg + 2, n - 2);
-    if (!o) return pbs_fail(p->err, PBS_USAGE, "%.*s: no such option (--help lists them)", (int)n, arg);
+    if (!o)
+        return pbs_fail(p->err, PBS_USAGE, "%.*s: no such option (--help lists them)", (int)n, arg);
     if (o->type == PBS_FLAG)
         return eq ? pbs_fail(p->err, PBS_USAGE, "--%s: takes no value", o->name) : set(p, o, NULL);
     if (eq) return set(p, o, eq + 1);
@@ -153,10 +162,11 @@ static pbs_code check_operands(const parser *p) {
     const pbs_tool *t = p->tool;
     const pbs_common *c = p->common;
     if (c->operand_count < t->operands_min)
-        return pbs_fail(p->err, PBS_USAGE, "operands are missing: %s %s (--help says more)", t->name,
-                        t->operands);
+        return pbs_fail(p->err, PBS_USAGE, "operands are missing: %s %s (--help says more)",
+                        t->name, t->operands);
     if (t->operands_max >= 0 && c->operand_count > t->operands_max)
-        return pbs_fail(p->err, PBS_USAGE, "%s: one operand too many", c->operands[t->operands_max]);
+        return pbs_fail(p->err, PBS_USAGE, "%s: one operand too many",
+                        c->operands[t->operands_max]);
     return PBS_OK;
 }
 
@@ -172,9 +182,12 @@ pbs_code pbs_cli_parse(const pbs_tool *tool, int argc, char **argv, void *option
         used = 1;
         if (only_operands || arg[0] != '-' || !arg[1])
             common->operands[common->operand_count++] = arg; /* at or before where it was */
-        else if (!strcmp(arg, "--")) only_operands = true;
-        else if (arg[1] == '-') rc = parse_long(&p, arg, next, &used);
-        else rc = parse_short(&p, arg, next, &used);
+        else if (!strcmp(arg, "--"))
+            only_operands = true;
+        else if (arg[1] == '-')
+            rc = parse_long(&p, arg, next, &used);
+        else
+            rc = parse_short(&p, arg, next, &used);
         if (rc) return rc;
         if (common->help || common->version) return PBS_OK;
     }
@@ -196,12 +209,14 @@ __attribute__((format(printf, 2, 3))) static void add(text *t, const char *fmt, 
     va_end(ap);
     if (n < 0) return;
     if (t->n + (size_t)n + 1 > t->cap) {
-        char *grown = realloc(t->s, t->cap = 2 * (t->n + (size_t)n + 64));
+        size_t cap = 2 * (t->n + (size_t)n + 64);
+        char *grown = realloc(t->s, cap);
         if (!grown) {
             free(piece);
             return;
         }
         t->s = grown;
+        t->cap = cap;
     }
     memcpy(t->s + t->n, piece, (size_t)n + 1);
     t->n += (size_t)n;
@@ -237,11 +252,19 @@ static void add_value(text *t, const pbs_option *o, const void *field) {
     int choice;
     const char *s;
     switch (o->type) {
-    case PBS_FLAG: break;
-    case PBS_REAL: memcpy(&real, field, sizeof real), add(t, " %.17g", real); break;
-    case PBS_TEXT: memcpy(&s, field, sizeof s), add(t, " %s", s); break;
-    case PBS_CHOICE: memcpy(&choice, field, sizeof choice), add(t, " %s", o->choices[choice]); break;
-    default: memcpy(&count, field, sizeof count), add(t, " %llu", (unsigned long long)count);
+    case PBS_FLAG:
+        break;
+    case PBS_REAL:
+        memcpy(&real, field, sizeof real), add(t, " %.17g", real);
+        break;
+    case PBS_TEXT:
+        memcpy(&s, field, sizeof s), add(t, " %s", s);
+        break;
+    case PBS_CHOICE:
+        memcpy(&choice, field, sizeof choice), add(t, " %s", o->choices[choice]);
+        break;
+    default:
+        memcpy(&count, field, sizeof count), add(t, " %llu", (unsigned long long)count);
     }
 }
 

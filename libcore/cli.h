@@ -14,30 +14,30 @@
 #include <stdint.h>
 
 typedef enum pbs_option_type {
-    PBS_FLAG,   /* bool */
-    PBS_COUNT,  /* uint64_t; k, M, G are powers of 1000: 100k, 1.5M */
-    PBS_BYTES,  /* uint64_t; k, M, G, and Ki, Mi, Gi powers of 1024 */
-    PBS_REAL,   /* double */
-    PBS_TEXT,   /* const char *, points into argv */
-    PBS_CHOICE  /* int: place in `choices` */
+    PBS_FLAG,  /* bool */
+    PBS_COUNT, /* uint64_t; k, M, G are powers of 1000: 100k, 1.5M */
+    PBS_BYTES, /* uint64_t; k, M, G, and Ki, Mi, Gi powers of 1024 */
+    PBS_REAL,  /* double */
+    PBS_TEXT,  /* const char *, points into argv */
+    PBS_CHOICE /* int: place in `choices` */
 } pbs_option_type;
 
 typedef struct pbs_option {
     char letter;      /* 0: long name only */
     const char *name; /* "resolution" */
     pbs_option_type type;
-    size_t offset;     /* of the field in the program's struct of options */
-    const char *value; /* "N", what help calls the value; NULL for flags */
-    const char *help;  /* one line */
-    double min, max;   /* of COUNT, BYTES and REAL; max 0: no limit */
+    size_t offset;              /* of the field in the program's struct of options */
+    const char *value;          /* "N", what help calls the value; NULL for flags */
+    const char *help;           /* one line */
+    double min, max;            /* of COUNT, BYTES and REAL; max 0: no limit */
     const char *const *choices; /* of CHOICE, ends with NULL */
-    bool result;       /* the result's bytes depend on it: it goes into the provenance */
+    bool result;                /* the result's bytes depend on it: it goes into the provenance */
 } pbs_option;
 
 typedef struct pbs_tool {
-    const char *name;     /* "pbs-sample" */
-    const char *purpose;  /* "orders candidates into surfels", for --help */
-    const char *operands; /* "[FILE]", for --help */
+    const char *name;               /* "pbs-sample" */
+    const char *purpose;            /* "orders candidates into surfels", for --help */
+    const char *operands;           /* "[FILE]", for --help */
     int operands_min, operands_max; /* max -1: any number */
     const pbs_option *options;
     size_t option_count; /* at most 48 */
@@ -50,8 +50,8 @@ typedef struct pbs_common {
     uint64_t memory;  /* bytes; 0: not given */
     const char *output, *stats;
     bool verbose, quiet, help, version;
-    uint64_t given;   /* bit i: option i of the tool's table was given */
-    char **operands;  /* into argv, which is permuted */
+    uint64_t given;  /* bit i: option i of the tool's table was given */
+    char **operands; /* into argv, which is permuted */
     int operand_count;
 } pbs_common;
 

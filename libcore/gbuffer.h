@@ -26,15 +26,17 @@ typedef struct pbs_gbuffer_scene {
 } pbs_gbuffer_scene;
 
 typedef struct pbs_gbuffer_params {
-    int pairs;               /* opposite pairs of directions: views = 2 * pairs; 0: the default */
-    double direction[PBS_GBUFFER_MAX_PAIRS][3]; /* towards the viewer of the even view; length free */
-    uint32_t resolution;     /* pixels along the longest side of the largest view; 1 .. MAX_SIZE */
-    uint32_t channels;       /* of PBS_NORMAL | COLOUR | MATERIAL | EMISSIVE; position always */
-    pbs_box box;             /* of the drawn scene in the node's frame, not empty */
+    int pairs; /* opposite pairs of directions: views = 2 * pairs; 0: the default */
+    double direction[PBS_GBUFFER_MAX_PAIRS]
+                    [3]; /* towards the viewer of the even view; length free */
+    uint32_t resolution; /* pixels along the longest side of the largest view; 1 .. MAX_SIZE */
+    uint32_t channels;   /* of PBS_NORMAL | COLOUR | MATERIAL | EMISSIVE; position always */
+    pbs_box box;         /* of the drawn scene in the node's frame, not empty */
 } pbs_gbuffer_params;
 
 /* The default: the four diagonals of a cube, views 2k and 2k + 1 opposite. A cube and not the
- * node's box, as the paper has it: from the corners of a flat box its big faces are seen edge-on. */
+ * node's box, as the paper has it: from the corners of a flat box its big faces are seen edge-on.
+ */
 extern const double PBS_GBUFFER_CORNERS[4][3];
 
 /* One view, resolved: the covered pixels in row order, bottom row first. */
@@ -61,8 +63,7 @@ size_t pbs_gbuffer_need(const pbs_gbuffer_scene *scene, const pbs_gbuffer_params
  * the triangles up to ties in depth, which go to the lower (draw, triangle). A surface seen
  * edge-on or smaller than a pixel may leave no candidate: that is what resolution is for.
  * Errors: PBS_LIMIT, PBS_CANCEL, PBS_USAGE for parameters out of range, and the sink's. */
-pbs_code pbs_gbuffer(pbs_run *run, const pbs_gbuffer_scene *scene,
-                     const pbs_gbuffer_params *params,
+pbs_code pbs_gbuffer(pbs_run *run, const pbs_gbuffer_scene *scene, const pbs_gbuffer_params *params,
                      pbs_code (*sink)(void *ctx, const pbs_gbuffer_view *view, pbs_err *err),
                      void *ctx, pbs_gbuffer_stats *stats, pbs_err *err);
 #endif

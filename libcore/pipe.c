@@ -13,7 +13,7 @@ typedef struct state {
     const pbs_pipe *pipe;
     pthread_mutex_t lock;
     pthread_cond_t cond;
-    unsigned char *slot; /* state of each */
+    unsigned char *slot;           /* state of each */
     size_t filled, taken, drained; /* slots so far; filled >= taken >= drained */
     bool sourcing, sinking, ended;
     pbs_err err;
@@ -37,7 +37,8 @@ static void do_sink(state *s) {
     s->sinking = true;
     bool skip = s->err_at <= i; /* nothing behind an error becomes visible */
     pthread_mutex_unlock(&s->lock);
-    pbs_code rc = skip || !s->pipe->sink ? PBS_OK : s->pipe->sink(s->pipe->ctx, slot_at(s, i), &err);
+    pbs_code rc =
+        skip || !s->pipe->sink ? PBS_OK : s->pipe->sink(s->pipe->ctx, slot_at(s, i), &err);
     pthread_mutex_lock(&s->lock);
     if (rc) note_error(s, &err, i);
     s->slot[i % (size_t)s->pipe->slot_count] = EMPTY;
@@ -83,10 +84,14 @@ static void *thread_main(void *arg) {
     int thread = s->next_thread++;
     for (;;) {
         if (s->err_at != SIZE_MAX) s->ended = true;
-        if (!s->sinking && s->drained < s->taken && s->slot[s->drained % n] == DONE) do_sink(s);
-        else if (s->taken < s->filled) do_work(s, thread);
-        else if (!s->ended && !s->sourcing && s->filled - s->drained < n) do_source(s);
-        else if (s->ended && !s->sourcing && s->drained == s->filled) break;
+        if (!s->sinking && s->drained < s->taken && s->slot[s->drained % n] == DONE)
+            do_sink(s);
+        else if (s->taken < s->filled)
+            do_work(s, thread);
+        else if (!s->ended && !s->sourcing && s->filled - s->drained < n)
+            do_source(s);
+        else if (s->ended && !s->sourcing && s->drained == s->filled)
+            break;
         else {
             pthread_cond_wait(&s->cond, &s->lock);
             continue;
@@ -126,8 +131,10 @@ typedef struct loop {
 static pbs_code loop_source(void *ctx, void *slot, bool *end, pbs_err *err) {
     (void)err;
     loop *l = ctx;
-    if (l->next == l->n) *end = true;
-    else *(size_t *)slot = l->next++;
+    if (l->next == l->n)
+        *end = true;
+    else
+        *(size_t *)slot = l->next++;
     return PBS_OK;
 }
 

@@ -2,8 +2,8 @@
  *
  * A node's positions are integers 0 .. 65535 on a lattice with the same step along all axes, so
  * that distances keep their ratios: position = min + step * integer, relative to the node's
- * origin. The error is at most step / 2 along each axis, before a reader rounds to float. Spacing is a half float in units of
- * 65535 steps (the lattice's side), which keeps its order.
+ * origin. The error is at most step / 2 along each axis, before a reader rounds to float. Spacing
+ * is a half float in units of 65535 steps (the lattice's side), which keeps its order.
  */
 #ifndef PBS_QUANT_H
 #define PBS_QUANT_H
@@ -44,6 +44,7 @@ static inline uint16_t pbs_half_put(float v) {
     }
     return (uint16_t)(sign | (b - 0x38000000 + 0xfff + (b >> 13 & 1)) >> 13);
 }
+/* There is no infinity and no NaN: the largest exponent is one more like the others. */
 static inline float pbs_half_get(uint16_t h) {
     int e = h >> 10 & 31, m = h & 1023;
     float v = e ? ldexpf((float)(m | 1024), e - 25) : ldexpf((float)m, -24);

@@ -10,10 +10,10 @@
 #include <stdint.h>
 
 enum {
-    PBS_POSITION = 1, /* float[3], relative to the node's origin */
-    PBS_SPACING = 2,  /* float: distance to the nearest earlier surfel of its node */
-    PBS_NORMAL = 4,   /* int16[2], octahedral (vec.h), length 1, towards the viewer */
-    PBS_COLOUR = 8,   /* uint8[4]: sRGB and linear alpha */
+    PBS_POSITION = 1,  /* float[3], relative to the node's origin */
+    PBS_SPACING = 2,   /* float: distance to the nearest earlier surfel of its node */
+    PBS_NORMAL = 4,    /* int16[2], octahedral (vec.h), length 1, towards the viewer */
+    PBS_COLOUR = 8,    /* uint8[4]: sRGB and linear alpha */
     PBS_MATERIAL = 16, /* uint8[4]: metallic, roughness, 0, 0 */
     PBS_EMISSIVE = 32  /* uint8[4]: sRGB, 0 */
 };

@@ -7,19 +7,23 @@
 #define HEAD 64
 
 /* What a block for that many bytes takes, which must not be near SIZE_MAX. */
-static size_t block_size(size_t bytes) { return (HEAD + bytes + HEAD - 1) / HEAD * HEAD; }
+static size_t block_size(size_t bytes) {
+    return (HEAD + bytes + HEAD - 1) / HEAD * HEAD;
+}
 
 static void raise_to(size_t *peak, size_t v) {
     size_t p = __atomic_load_n(peak, __ATOMIC_RELAXED);
-    while (p < v && !__atomic_compare_exchange_n(peak, &p, v, 1, __ATOMIC_RELAXED,
-                                                 __ATOMIC_RELAXED)) {}
+    while (p < v &&
+           !__atomic_compare_exchange_n(peak, &p, v, 1, __ATOMIC_RELAXED, __ATOMIC_RELAXED)) {
+    }
 }
 
 static pbs_code too_small(const pbs_run *run, size_t bytes, const char *what, pbs_err *err) {
     size_t used = pbs_mem_used(run);
     size_t sum = bytes > SIZE_MAX - used ? SIZE_MAX : used + bytes;
-    return pbs_fail(err, PBS_LIMIT, "%s: -m %.4gMi is too small: at least -m %zuMi is needed",
-                    what, (double)run->mem_limit / (1 << 20), sum / (1 << 20) + 1);
+    if (sum < run->mem_floor) sum = run->mem_floor;
+    return pbs_fail(err, PBS_LIMIT, "%s: -m %.4gMi is too small: at least -m %zuMi is needed", what,
+                    (double)run->mem_limit / (1 << 20), sum / (1 << 20) + 1);
 }
 
 pbs_code pbs_mem_take(pbs_run *run, size_t bytes, const char *what, pbs_err *err) {
@@ -43,8 +47,12 @@ pbs_code pbs_mem_plan(pbs_run *run, size_t bytes, const char *what, pbs_err *err
     return too_small(run, bytes, what, err);
 }
 
-size_t pbs_mem_used(const pbs_run *run) { return __atomic_load_n(&run->mem_used, __ATOMIC_RELAXED); }
-size_t pbs_mem_peak(const pbs_run *run) { return __atomic_load_n(&run->mem_peak, __ATOMIC_RELAXED); }
+size_t pbs_mem_used(const pbs_run *run) {
+    return __atomic_load_n(&run->mem_used, __ATOMIC_RELAXED);
+}
+size_t pbs_mem_peak(const pbs_run *run) {
+    return __atomic_load_n(&run->mem_peak, __ATOMIC_RELAXED);
+}
 
 size_t pbs_mem_left(const pbs_run *run) {
     size_t used = pbs_mem_used(run);
@@ -52,22 +60,33 @@ size_t pbs_mem_left(const pbs_run *run) {
     return used < run->mem_limit ? run->mem_limit - used : 0;
 }
 
-/* Large blocks are maps of their own: they grow without a copy, and go back to the system. They
- * are touched once from end to end, which page by page costs more than what is written into them:
- * huge pages, wherever a whole one lies inside, are a third of the time. The advice is for the
- * whole map, since one that is in two parts could not be stretched. Under
- * the address sanitizer all are small, so that it sees their ends. */
+/* Very large blocks are maps of their own, which grow without a copy; smaller ones come from
+ * malloc, which keeps the pages of freed ones: fresh pages cost as much as what is done in them.
+ * Under the address sanitizer all come from malloc, so that it sees their ends. */
 #if defined(__SANITIZE_ADDRESS__)
 #define LARGE SIZE_MAX
 #else
-#define LARGE ((size_t)4 << 20)
+#define LARGE ((size_t)32 << 20)
 #endif
 
+/* Big arrays are touched once from end to end, and page by page that costs more than what is
+ * written into them. Only whole huge pages inside the block are asked for: no memory is wasted. */
+static void ask_for_huge_pages(void *p, size_t bytes) {
+    const uintptr_t huge = (uintptr_t)2 << 20;
+    uintptr_t from = ((uintptr_t)p + huge - 1) / huge * huge,
+              to = ((uintptr_t)p + bytes) / huge * huge;
+    if (to > from + huge) madvise((void *)from, to - from, MADV_HUGEPAGE);
+}
+
 static void *take_block(size_t bytes) {
-    if (bytes < LARGE) return aligned_alloc(HEAD, bytes);
+    if (bytes < LARGE) {
+        void *p = aligned_alloc(HEAD, bytes);
+        if (p) ask_for_huge_pages(p, bytes);
+        return p;
+    }
     void *p = mmap(NULL, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
     if (p == MAP_FAILED) return NULL;
-    madvise(p, bytes, MADV_HUGEPAGE);
+    madvise(p, bytes, MADV_HUGEPAGE); /* the whole: a map in two parts could not be stretched */
     return p;
 }
 
@@ -115,7 +134,8 @@ pbs_code pbs_grow(pbs_run *run, void *ptr, size_t *cap, size_t need, size_t size
     /* The last step before the limit may be the exact one. */
     if (size && (want > SIZE_MAX / 4 / size || block_size(want * size) > pbs_mem_left(run)))
         want = need;
-    if (old && size && want < SIZE_MAX / 4 / size && (fresh = stretch(run, old, block_size(want * size)))) {
+    if (old && size && want < SIZE_MAX / 4 / size &&
+        (fresh = stretch(run, old, block_size(want * size)))) {
         memcpy(ptr, &fresh, sizeof fresh);
         *cap = want;
         return PBS_OK;
@@ -134,8 +154,10 @@ void pbs_free(pbs_run *run, void *ptr) {
     void *block = (char *)ptr - HEAD;
     size_t bytes;
     memcpy(&bytes, block, sizeof bytes);
-    if (bytes < LARGE) free(block);
-    else munmap(block, bytes);
+    if (bytes < LARGE)
+        free(block);
+    else
+        munmap(block, bytes);
     pbs_mem_give(run, bytes);
 }
 

@@ -21,8 +21,10 @@ extern "C" {
 #define PBS_MEM_BASE ((size_t)6 << 20)
 
 typedef struct pbs_run {
-    int threads;                         /* at least 1 */
-    size_t mem_limit;                    /* bytes; 0: no limit */
+    int threads;      /* at least 1 */
+    size_t mem_limit; /* bytes; 0: no limit */
+    size_t mem_floor; /* what the program knows early that it will need in the end; 0: nothing.
+                         A refusal names it, so that a user need not find it step by step */
     size_t mem_used, mem_peak;           /* atomic; read them with pbs_mem_used, pbs_mem_peak */
     const volatile sig_atomic_t *cancel; /* not 0: stop soon; NULL: nobody asks */
     /* Called from any thread, at any rate; NULL: nobody looks. total 0: not known. */

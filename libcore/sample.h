@@ -25,28 +25,28 @@
 #include "libcore/run.h"
 
 typedef enum pbs_method {
-    PBS_GREEDY,    /* the exact greedy permutation: farthest candidate next, ties to the lower
-                      index; same result for any number of threads */
-    PBS_PAPER,     /* paper 1, 3.2 as printed: of `subset` random candidates the farthest; one more
-                      accepted per round after each 500 rounds */
-    PBS_RANDOM     /* uniformly random: the paper's lower bound for comparison */
+    PBS_GREEDY, /* the exact greedy permutation: farthest candidate next, ties to the lower
+                   index; same result for any number of threads */
+    PBS_PAPER,  /* paper 1, 3.2 as printed: of `subset` random candidates the farthest; one more
+                   accepted per round after each 500 rounds */
+    PBS_RANDOM  /* uniformly random: the paper's lower bound for comparison */
 } pbs_method;
 
 typedef struct pbs_sample_params {
-    size_t count;         /* surfels wanted; fewer come out if there are fewer distinct candidates */
+    size_t count; /* surfels wanted; fewer come out if there are fewer distinct candidates */
     pbs_method method;
-    float normal_weight;  /* w above, 0 .. 1 */
-    uint64_t seed;        /* with the node decides the first surfel, and the heuristics' choices */
+    float normal_weight; /* w above, 0 .. 1 */
+    uint64_t seed;       /* with the node decides the first surfel, and the heuristics' choices */
     uint32_t node;
-    uint32_t subset;      /* PBS_PAPER: 0 means 200 */
+    uint32_t subset; /* PBS_PAPER: 0 means 200 */
 } pbs_sample_params;
 
 typedef struct pbs_sample_result {
-    size_t count;        /* entries written */
-    float covering;      /* covering radius of the whole result: max over all candidates of the
-                            distance to the nearest surfel; 0 if every candidate is covered */
-    size_t duplicates;   /* candidates left out because they coincide with a surfel (D = 0) */
-    size_t invalid;      /* candidates left out because a coordinate is not finite */
+    size_t count;      /* entries written */
+    float covering;    /* covering radius of the whole result: max over all candidates of the
+                          distance to the nearest surfel; 0 if every candidate is covered */
+    size_t duplicates; /* candidates left out because they coincide with a surfel (D = 0) */
+    size_t invalid;    /* candidates left out because a coordinate is not finite */
 } pbs_sample_result;
 
 /* Scratch memory, reused between nodes (fresh pages cost as much as the sampling). */

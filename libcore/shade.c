@@ -51,7 +51,7 @@ static void mark_all(uint8_t *use, const pbs_gbuffer_scene *scene, uint32_t chan
 
 size_t pbs_shader_need(const pbs_gbuffer_scene *scene, uint32_t channels) {
     (void)channels;
-    size_t n = (scene->material_count + 1) * sizeof(pbs_flat) +
+    size_t n = (scene->material_count + 1) * sizeof(pbs_plain) +
                scene->texture_count * (2 * sizeof(pbs_texture) + 1) + 3 * 128;
     /* Which of them are shown is not asked here: that would be a pass over all triangles. */
     for (size_t i = 0; i < scene->texture_count; i++)
@@ -74,7 +74,7 @@ static const pbs_texture *texture_of(const pbs_shader *s, const pbs_texture_use 
     return p->levels ? p : NULL;
 }
 
-static void flatten(const pbs_shader *s, const pbs_material *m, pbs_flat *f) {
+static void flatten(const pbs_shader *s, const pbs_material *m, pbs_plain *f) {
     f->base = texture_of(s, &m->base_texture, 0);
     f->material = texture_of(s, &m->material_texture, 1);
     f->emissive = texture_of(s, &m->emissive_texture, 0);

@@ -9,10 +9,10 @@
 #include "libcore/texture.h"
 
 /* What of a material does not depend on the point. */
-typedef struct pbs_flat {
+typedef struct pbs_plain {
     const pbs_texture *base, *material, *emissive; /* NULL: no texture */
     uint8_t colour[4], finish[4], glow[4];         /* without textures and vertex colours */
-} pbs_flat;
+} pbs_plain;
 
 typedef struct pbs_shader {
     const pbs_material *materials;
@@ -20,7 +20,7 @@ typedef struct pbs_shader {
     uint32_t channels;
     bool masked; /* whether there are masked materials */
     const pbs_srgb_table *srgb;
-    pbs_flat *flat;       /* count + 1: the last is for PBS_NONE */
+    pbs_plain *flat;      /* count + 1: the last is for PBS_NONE */
     pbs_texture *texture; /* 2 an image: as sRGB, as plain numbers */
     size_t textures;
 } pbs_shader;

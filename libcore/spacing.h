@@ -6,7 +6,7 @@
 #include "libcore/run.h"
 
 typedef struct pbs_spacing {
-    uint32_t count;  /* points looked at */
+    uint32_t count;          /* points looked at */
     double min, median, max; /* of the distance of each to its nearest neighbour (Euclid); 0 if
                                 there are fewer than two points */
 } pbs_spacing;

@@ -15,8 +15,7 @@ typedef struct pbs_box {
     double min[3], max[3]; /* empty: min > max */
 } pbs_box;
 
-#define PBS_BOX_EMPTY                                                                              \
-    ((pbs_box){{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}})
+#define PBS_BOX_EMPTY ((pbs_box){{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}})
 
 static inline bool pbs_box_is_empty(const pbs_box *b) {
     return !(b->min[0] <= b->max[0] && b->min[1] <= b->max[1] && b->min[2] <= b->max[2]);

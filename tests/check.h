@@ -52,9 +52,12 @@ static const char *pbs_skip_why;
         for (pbs_test *t = pbs_tests; t; t = t->next) {                                            \
             pbs_bad = 0, pbs_skip_why = NULL;                                                      \
             t->fn();                                                                               \
-            if (pbs_bad) printf("not ok %s\n", t->name), failed++;                                 \
-            else if (pbs_skip_why) printf("skip %s: %s\n", t->name, pbs_skip_why);                 \
-            else printf("ok %s\n", t->name);                                                       \
+            if (pbs_bad)                                                                           \
+                printf("not ok %s\n", t->name), failed++;                                          \
+            else if (pbs_skip_why)                                                                 \
+                printf("skip %s: %s\n", t->name, pbs_skip_why);                                    \
+            else                                                                                   \
+                printf("ok %s\n", t->name);                                                        \
             fflush(stdout);                                                                        \
         }                                                                                          \
         return failed != 0;                                                                        \

@@ -10,18 +10,11 @@
  * longer there.
  */
 #include "cmd/pbs-view/cut.h"
-
-float pbs_half_to_float(uint16_t half) {
-    int exponent = half >> 10 & 31, mantissa = half & 1023;
-    float v = exponent == 31  ? (mantissa ? NAN : INFINITY)
-              : exponent == 0 ? ldexpf((float)mantissa, -24)
-                              : ldexpf((float)(mantissa + 1024), exponent - 25);
-    return half & 0x8000 ? -v : v;
-}
+#include "libcore/quant.h"
 
 static double spacing(const pbs_spacings *s, uint32_t i) {
     const uint8_t *p = s->first + (size_t)i * s->stride;
-    return s->unit * (double)pbs_half_to_float((uint16_t)(p[0] | p[1] << 8));
+    return s->unit * (double)pbs_half_get((uint16_t)(p[0] | p[1] << 8));
 }
 
 double pbs_cut_radius(const pbs_spacings *s, uint32_t prefix) {

@@ -16,12 +16,12 @@ typedef struct pbs_spacings {
     const uint8_t *first; /* the spacing of surfel 0, not its record */
     size_t stride;        /* bytes from one to the next */
     uint32_t count;
-    double unit;          /* length in the node's unit that the value 1 stands for */
-    double covering;      /* covering radius of all surfels, node's unit; 0: not known */
-    double slack;         /* how far the surface can be from the candidates that spacings are
-                             measured on, about 0.7 pixels of the G-buffer; node's unit. Without
-                             it 1 in 5000 pixels is a pinhole, with it none (sphere, 50
-                             candidates a surfel); 5% more radius do as much there. */
+    double unit;     /* length in the node's unit that the value 1 stands for */
+    double covering; /* covering radius of all surfels, node's unit; 0: not known */
+    double slack;    /* how far the surface can be from the candidates that spacings are
+                        measured on, about 0.7 pixels of the G-buffer; node's unit. Without
+                        it 1 in 5000 pixels is a pinhole, with it none (sphere, 50
+                        candidates a surfel); 5% more radius do as much there. */
 } pbs_spacings;
 
 /* Covering radius of the first `prefix` surfels, and the slack, in the node's unit. The discs that
@@ -46,6 +46,4 @@ bool pbs_cut_visible(const pbs_camera *camera, double aspect, const pbs_box *box
 
 /* How much longer m makes a vector at most: its largest singular value. */
 double pbs_cut_stretch(const double m[12]);
-
-float pbs_half_to_float(uint16_t half);
 #endif

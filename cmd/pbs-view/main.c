@@ -18,8 +18,8 @@ static const pbs_option table[] = {
      "surfels drawn of each node (default: what the camera needs)", 1, 4e9, NULL, false},
     {0, "surfel-size", PBS_REAL, offsetof(pbs_show_options, surfel_size), "PX",
      "diameter of a surfel that the camera needs (default 2)", 0.25, 64, NULL, false},
-    {0, "width", PBS_COUNT, offsetof(pbs_show_options, width), "PX", "of the picture (default 1024)",
-     16, 16384, NULL, false},
+    {0, "width", PBS_COUNT, offsetof(pbs_show_options, width), "PX",
+     "of the picture (default 1024)", 16, 16384, NULL, false},
     {0, "height", PBS_COUNT, offsetof(pbs_show_options, height), "PX",
      "of the picture (default 768)", 16, 16384, NULL, false},
     {0, "camera", PBS_TEXT, offsetof(pbs_show_options, camera), "E,T[,U][,FOV]",
@@ -34,8 +34,14 @@ static const pbs_option table[] = {
      "go on without textures that are not there", 0, 0, NULL, false},
 };
 
-static const pbs_tool tool = {"pbs-view", "Shows an archive, or with --geometry a scene",
-                              "[FILE]", 0, 1, table, sizeof table / sizeof table[0], true};
+static const pbs_tool tool = {"pbs-view",
+                              "Shows an archive, or with --geometry a scene",
+                              "[FILE]",
+                              0,
+                              1,
+                              table,
+                              sizeof table / sizeof table[0],
+                              true};
 
 static pbs_code shoot(pbs_app *app, const pbs_show_options *o, pbs_show *show, pbs_err *err) {
     pbs_gl gl;
@@ -45,12 +51,13 @@ static pbs_code shoot(pbs_app *app, const pbs_show_options *o, pbs_show *show, p
     pbs_run *run = &app->run;
     pbs_code rc = pbs_gl_context_new(o->device, &context, &gl, err);
     if (rc) return rc;
-    rc = pbs_canvas_new(run, &gl,
-                        &(pbs_canvas_desc){(uint32_t)o->width, (uint32_t)o->height, (int)o->samples},
-                        &canvas, err);
+    rc = pbs_canvas_new(
+        run, &gl, &(pbs_canvas_desc){(uint32_t)o->width, (uint32_t)o->height, (int)o->samples},
+        &canvas, err);
     pbs_show_view view = pbs_show_first_view(show);
     if (!rc) rc = pbs_show_draw(show, canvas, &view, err);
     if (!rc) rc = pbs_canvas_end(canvas, &image, err);
+    if (!rc) rc = pbs_run_check(run, err);
     if (!rc) rc = pbs_image_write(run, o->shot, &image, err);
     if (!rc && app->common.verbose) pbs_note(app, "device %s", gl.device);
     pbs_free(run, image.rgba);
@@ -64,13 +71,15 @@ static pbs_code work(pbs_app *app, void *opt, pbs_err *err) {
     pbs_show show;
     pbs_code rc = pbs_show_open(&app->run, o, pbs_operand(app, 0), &show, err);
     if (rc) return rc;
-    rc = o->shot ? shoot(app, o, &show, err)
-                 : pbs_window_run(&show, pbs_operand(app, 0) ? pbs_operand(app, 0) : "pbs-view", err);
+    rc = o->shot
+             ? shoot(app, o, &show, err)
+             : pbs_window_run(&show, pbs_operand(app, 0) ? pbs_operand(app, 0) : "pbs-view", err);
     if (!rc) {
         pbs_stat_count(app, "nodes", show.drawn_nodes);
         pbs_stat_count(app, "surfels", show.drawn_surfels);
         pbs_stat_count(app, "triangles", show.drawn_triangles);
-        if (o->geometry) pbs_note_skips(app, pbs_reader_name(show.scene.reader), show.scene.skipped);
+        if (o->geometry)
+            pbs_note_skips(app, pbs_reader_name(show.scene.reader), show.scene.skipped);
     }
     pbs_show_close(&show);
     return rc;

@@ -20,7 +20,8 @@ pbs_code pbs_show_open(pbs_run *run, const pbs_show_options *o, const char *path
     memset(s, 0, sizeof *s);
     s->run = run;
     s->options = o;
-    pbs_code rc = o->geometry ? open_scene(s, path, err) : pbs_archive_open(run, path, &s->archive, err);
+    pbs_code rc =
+        o->geometry ? open_scene(s, path, err) : pbs_archive_open(run, path, &s->archive, err);
     if (!rc && !o->geometry) s->box = s->archive.nodes[s->archive.node_count - 1].box;
     if (!rc) {
         pbs_camera_desc d = {.aspect = (double)o->width / (double)o->height};
@@ -43,7 +44,10 @@ typedef struct cut {
 
 static pbs_spacings spacings_of(const pbs_archive *a, const pbs_node *n) {
     return (pbs_spacings){a->records[n->id] + pbs_record_at(&a->record, PBS_SPACING),
-                          a->record.stride, (uint32_t)n->records, 65535 * n->lattice, n->covering,
+                          a->record.stride,
+                          (uint32_t)n->records,
+                          65535 * n->lattice,
+                          n->covering,
                           0.7 * n->pixel};
 }
 

@@ -25,7 +25,7 @@ typedef struct pbs_show {
     pbs_flat flat;
     pbs_image *images;
     uint64_t drawn_nodes, drawn_surfels, drawn_triangles; /* of the last draw */
-    pbs_surfels *list; /* of the last draw */
+    pbs_surfels *list;                                    /* of the last draw */
     size_t list_cap;
 } pbs_show;
 

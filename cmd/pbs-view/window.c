@@ -9,8 +9,7 @@
     F(Init) F(Terminate) F(GetError) F(WindowHint) F(CreateWindow) F(DestroyWindow) \
     F(MakeContextCurrent) F(GetProcAddress) F(SwapBuffers) F(SwapInterval) F(WaitEventsTimeout) \
     F(WindowShouldClose) F(SetWindowShouldClose) F(GetFramebufferSize) F(GetWindowSize) \
-    F(SetWindowTitle) F(SetCursorPosCallback) \
-    F(SetMouseButtonCallback) F(SetScrollCallback) F(SetKeyCallback) \
+    F(SetWindowTitle) F(SetCursorPosCallback) F(SetScrollCallback) F(SetKeyCallback) \
     F(SetFramebufferSizeCallback) F(SetWindowRefreshCallback) F(GetMouseButton) F(GetKey)
 /* clang-format on */
 
@@ -36,7 +35,8 @@ typedef struct window {
 static pbs_code load_glfw(glfw *f, pbs_err *err) {
     void *lib = dlopen("libglfw.so.3", RTLD_NOW | RTLD_LOCAL);
     if (!lib)
-        return pbs_fail(err, PBS_IO, "no window: GLFW (libglfw3) is not installed; --shot needs none");
+        return pbs_fail(err, PBS_IO,
+                        "no window: GLFW (libglfw3) is not installed; --shot needs none");
 #define LOAD(name)                                                                                 \
     *(void **)&f->name = dlsym(lib, "glfw" #name);                                                 \
     if (!f->name) return pbs_fail(err, PBS_IO, "GLFW is too old: no glfw" #name);
@@ -48,7 +48,8 @@ static pbs_code load_glfw(glfw *f, pbs_err *err) {
 static pbs_code glfw_error(const glfw *f, const char *what, pbs_err *err) {
     const char *text = NULL;
     f->GetError(&text);
-    return pbs_fail(err, PBS_IO, "%s: %s; --shot FILE needs no display", what, text ? text : "failed");
+    return pbs_fail(err, PBS_IO, "%s: %s; --shot FILE needs no display", what,
+                    text ? text : "failed");
 }
 
 /* ---- input: every change makes the picture stale ---- */
@@ -72,8 +73,10 @@ static void on_move(GLFWwindow *w, double x, double y) {
     bool other = s->f.GetMouseButton(w, GLFW_MOUSE_BUTTON_RIGHT) == GLFW_PRESS ||
                  s->f.GetMouseButton(w, GLFW_MOUSE_BUTTON_MIDDLE) == GLFW_PRESS;
     bool shift = s->f.GetKey(w, GLFW_KEY_LEFT_SHIFT) == GLFW_PRESS;
-    if (other || (left && shift)) pbs_camera_pan(&s->camera, dx, dy);
-    else if (left) pbs_camera_orbit(&s->camera, dx, dy);
+    if (other || (left && shift))
+        pbs_camera_pan(&s->camera, dx, dy);
+    else if (left)
+        pbs_camera_orbit(&s->camera, dx, dy);
     s->stale = s->stale || left || other;
 }
 
@@ -91,18 +94,39 @@ static void on_key(GLFWwindow *w, int key, int code, int action, int mods) {
     double size = s->surfel_size;
     switch (key) {
     case GLFW_KEY_ESCAPE:
-    case GLFW_KEY_Q: s->f.SetWindowShouldClose(w, GLFW_TRUE); break;
+    case GLFW_KEY_Q:
+        s->f.SetWindowShouldClose(w, GLFW_TRUE);
+        break;
     case GLFW_KEY_HOME:
-    case GLFW_KEY_R: s->camera = s->show->camera; break;
-    case GLFW_KEY_RIGHT_BRACKET: s->surfel_size = size < 32 ? size * 1.25 : size; break;
-    case GLFW_KEY_LEFT_BRACKET: s->surfel_size = size > 0.5 ? size / 1.25 : size; break;
-    case GLFW_KEY_LEFT: pbs_camera_orbit(&s->camera, 0.02, 0); break;
-    case GLFW_KEY_RIGHT: pbs_camera_orbit(&s->camera, -0.02, 0); break;
-    case GLFW_KEY_UP: pbs_camera_orbit(&s->camera, 0, 0.02); break;
-    case GLFW_KEY_DOWN: pbs_camera_orbit(&s->camera, 0, -0.02); break;
-    case GLFW_KEY_PAGE_UP: pbs_camera_dolly(&s->camera, 1); break;
-    case GLFW_KEY_PAGE_DOWN: pbs_camera_dolly(&s->camera, -1); break;
-    default: return;
+    case GLFW_KEY_R:
+        s->camera = s->show->camera;
+        break;
+    case GLFW_KEY_RIGHT_BRACKET:
+        s->surfel_size = size < 32 ? size * 1.25 : size;
+        break;
+    case GLFW_KEY_LEFT_BRACKET:
+        s->surfel_size = size > 0.5 ? size / 1.25 : size;
+        break;
+    case GLFW_KEY_LEFT:
+        pbs_camera_orbit(&s->camera, 0.02, 0);
+        break;
+    case GLFW_KEY_RIGHT:
+        pbs_camera_orbit(&s->camera, -0.02, 0);
+        break;
+    case GLFW_KEY_UP:
+        pbs_camera_orbit(&s->camera, 0, 0.02);
+        break;
+    case GLFW_KEY_DOWN:
+        pbs_camera_orbit(&s->camera, 0, -0.02);
+        break;
+    case GLFW_KEY_PAGE_UP:
+        pbs_camera_dolly(&s->camera, 1);
+        break;
+    case GLFW_KEY_PAGE_DOWN:
+        pbs_camera_dolly(&s->camera, -1);
+        break;
+    default:
+        return;
     }
     s->stale = true;
 }
@@ -111,7 +135,9 @@ static void on_resize(GLFWwindow *w, int width, int height) {
     (void)width, (void)height;
     of(w)->stale = true;
 }
-static void on_refresh(GLFWwindow *w) { of(w)->stale = true; }
+static void on_refresh(GLFWwindow *w) {
+    of(w)->stale = true;
+}
 
 /* ---- drawing ---- */
 

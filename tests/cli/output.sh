@@ -15,3 +15,16 @@ status pbs-import boxes.obj -o /dev/full
 pbs-gbuffer -r 256 boxes.obj 2>pipe.txt | head -c 100 >/dev/null
 cat pipe.txt
 ls -A
+# A link stays a link, a private file stays private, and a name may be as long as names get.
+echo old >private
+chmod 600 private
+ln -s private link
+status pbs-import boxes.obj -o link
+readlink link
+stat -c %a private
+pbs-import boxes.obj -o /dev/stdout >redirected
+cmp private redirected && [ -L /dev/stdout ] && echo same
+long=$(printf 'a%.0s' $(seq 250))
+status pbs-import boxes.obj -o "$long"
+rm "$long"
+ls -A

@@ -121,7 +121,7 @@ static inline blob small_stream(pbs_run *run, pbs_kind kind, uint32_t channels) 
         fill_points(run, channels, 7 + id, id + 1, &p);
         pbs_node n = small_node(id, p.count, id ? &child : NULL);
         must(pbs_points_write(run, w, &r, id, &p, 0, 5, NULL, &err), &err);
-        must(pbs_node_write(w, &n, &err), &err);
+        must(pbs_node_write(run, w, &n, &err), &err);
         pbs_points_free(run, &p);
     }
     return take_bytes(w);
@@ -142,7 +142,7 @@ static inline blob small_archive(pbs_run *run, uint32_t channels) {
         l[id] = pbs_lattice_of(p[id].position, p[id].count);
         memcpy(n.lattice_min, l[id].min, sizeof n.lattice_min);
         n.lattice = l[id].step;
-        must(pbs_node_write(w, &n, &err), &err);
+        must(pbs_node_write(run, w, &n, &err), &err);
     }
     for (uint32_t id = 0; id < 2; id++) {
         must(pbs_points_write(run, w, &r, id, &p[id], 0, id ? 4 : 100, &l[id], &err), &err);

@@ -253,7 +253,7 @@ TEST(unknown_tags_are_passed) {
     write_chunks(w, 0, 2);
     must(pbs_points_write(&run, w, &r, 0, &p, 0, 2, NULL, &err), &err);
     write_chunks(w, 2, 4);
-    must(pbs_node_write(w, &n, &err), &err);
+    must(pbs_node_write(&run, w, &n, &err), &err);
     write_chunks(w, 4, 6);
     blob b = take_bytes(w);
     pbs_points_free(&run, &p);
@@ -294,7 +294,7 @@ TEST(archive_contents) {
             pbs_child child;
             pbs_node n = small_node(id, 4, id ? &child : NULL);
             n.lattice = 1;
-            must(pbs_node_write(w, &n, &err), &err);
+            must(pbs_node_write(&run, w, &n, &err), &err);
         }
         for (int i = 0; i < 3; i++) {
             if (row[k].node[i] == 9) continue;
@@ -323,7 +323,7 @@ TEST(records_of_the_wrong_form) {
         pbs_piece piece = {zeros, 16};
         must(pbs_writer_chunk(w, &c, &piece, 1, &err), &err);
         pbs_node n = small_node(0, 2, NULL);
-        must(pbs_node_write(w, &n, &err), &err);
+        must(pbs_node_write(&run, w, &n, &err), &err);
         blob b = take_bytes(w);
         for (int piped = 0; piped < 2; piped++) CHECK(check_blob(&run, b, piped, &err) == PBS_DATA);
         free(b.bytes);

@@ -109,6 +109,35 @@ TEST(points_of_every_subset) {
     CHECK(pbs_mem_used(&run) == 0);
 }
 
+TEST(points_fit_before_room_is_made) {
+    pbs_record r = pbs_record_make(PBS_POSITION | PBS_SPACING, false);
+    pbs_chunk c = {.tag = PBS_TAG_POINTS, .count = 4, .first = 3, .bytes = 4 * r.stride};
+    CHECK(pbs_points_fit("x", &r, &c, 3, &err) == PBS_OK);
+    CHECK(pbs_points_fit("x", &r, &c, 2, &err) == PBS_DATA);
+    c.count = 4000000000u; /* more than memory holds, in 64 bytes */
+    CHECK(pbs_points_fit("x", &r, &c, 3, &err) == PBS_DATA);
+}
+
+TEST(points_faults) {
+    static const float odd[] = {NAN, INFINITY, -INFINITY};
+    pbs_points p;
+    fill_points(&run, PBS_POSITION | PBS_SPACING, 5, 1, &p);
+    CHECK(!pbs_points_fault(&p, 0));
+    for (int i = 0; i < 3; i++) {
+        float was = p.position[7];
+        p.position[7] = odd[i];
+        CHECK(pbs_points_fault(&p, 0) && pbs_points_fault(&p, 2) && !pbs_points_fault(&p, 3));
+        p.position[7] = was;
+        was = p.spacing[4];
+        p.spacing[4] = odd[i];
+        CHECK(pbs_points_fault(&p, 0) && pbs_points_fault(&p, 4));
+        p.spacing[4] = was;
+    }
+    p.spacing[0] = -1;
+    CHECK(pbs_points_fault(&p, 0) && !pbs_points_fault(&p, 1));
+    pbs_points_free(&run, &p);
+}
+
 static void check_packed(const pbs_points *p, const pbs_points *back, const pbs_lattice *l) {
     double place = 0, gap = 0, side = 65535 * l->step;
     for (size_t k = 0; k < 3 * p->count; k++)
@@ -177,7 +206,7 @@ TEST(points_grow) {
 /* The payload of a node's chunk, in malloc'ed memory of just that size. */
 static pbs_chunk node_chunk(const pbs_node *n) {
     pbs_writer *w = spool_writer(&run, PBS_SURFELS, "position:f32x3", 0);
-    must(pbs_node_write(w, n, &err), &err);
+    must(pbs_node_write(&run, w, n, &err), &err);
     blob b = take_bytes(w);
     const uint8_t *h = b.bytes + pbs_get_u32(b.bytes + HEADER_BYTES_AT);
     pbs_chunk c = {

@@ -138,15 +138,6 @@ TEST(parse_forms) {
         CHECK_NUM(pbs_camera_parse(&c, bad[i], &err) == PBS_USAGE, i);
 }
 
-TEST(half_floats) {
-    CHECK(pbs_half_to_float(0) == 0 && pbs_half_to_float(0x3c00) == 1);
-    CHECK(pbs_half_to_float(0x0001) == ldexpf(1, -24) && pbs_half_to_float(0x7bff) == 65504);
-    CHECK(pbs_half_to_float(0x03ff) == ldexpf(1023, -24) && pbs_half_to_float(0xc000) == -2);
-    CHECK(isinf(pbs_half_to_float(0x7c00)) && isnan(pbs_half_to_float(0x7e01)));
-    for (uint16_t h = 0; h < 0x7c00; h++)
-        CHECK_NUM(pbs_half_to_float(h) < pbs_half_to_float((uint16_t)(h + 1)), h);
-}
-
 /* Records of 12 bytes whose spacings fall from half to half. */
 static uint8_t records[500][12];
 static pbs_spacings random_spacings(uint32_t count) {
