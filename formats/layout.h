@@ -45,7 +45,9 @@ enum {
     FOOTER_DIR_BYTES_AT = 8,
     FOOTER_FILE_AT = 16,
     FOOTER_CHUNKS_AT = 24,
-    FOOTER_CHAIN_AT = 32, /* CRC over the headers of all chunks but directory pages */
+    /* CRC over the headers of all chunks but directory pages, each without its own CRC: one that
+     * runs over data and its CRC would forget the data */
+    FOOTER_CHAIN_AT = 32,
     FOOTER_CRC_AT = 52,   /* of bytes 0 .. 51 */
     FOOTER_MAGIC_AT = 56
 };

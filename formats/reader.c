@@ -276,7 +276,7 @@ static pbs_code next_any(pbs_reader *r, pbs_chunk *c, bool *end, pbs_err *err) {
     if (pbs_get_u32(h + CHUNK_SEQUENCE_AT) != (uint32_t)(page ? r->pages : r->chunks))
         return bad(r, err, "a chunk is missing or doubled");
     if (!page) {
-        r->chain = pbs_crc32c(r->chain, h, CHUNK_FIXED);
+        r->chain = pbs_crc32c(r->chain, h, CHUNK_SELF_AT);
         r->chunks++;
     }
     rc = fetch_payload(r, c, err);

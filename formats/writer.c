@@ -162,7 +162,7 @@ pbs_code pbs_writer_chunk(pbs_writer *w, const pbs_chunk *chunk, const pbs_piece
         return pbs_fail(err, PBS_INTERNAL, "more chunks than announced");
     uint8_t h[CHUNK_FIXED];
     chunk_header(h, &c, w->chunks++);
-    w->chain = pbs_crc32c(w->chain, h, sizeof h);
+    w->chain = pbs_crc32c(w->chain, h, CHUNK_SELF_AT);
     pbs_code rc = add_entry(w, &c, err);
     if (!rc) rc = pbs_output_write(&w->out, h, sizeof h, err);
     for (int i = 0; i < pieces && !rc; i++)

@@ -349,7 +349,7 @@ static inline void reseal_pass(blob b, resealed *r) {
             r->dir_end = r->at;
             continue;
         }
-        r->chain = pbs_crc32c(r->chain, h, CHUNK_FIXED);
+        r->chain = pbs_crc32c(r->chain, h, CHUNK_SELF_AT);
         if (r->chunks++ >= 256) continue;
         memcpy(e, h, 16); /* tag, flags, node, count */
         pbs_put_u64(e + ENTRY_OFFSET_AT, offset);

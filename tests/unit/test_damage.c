@@ -215,6 +215,22 @@ TEST(chunk_messages) {
     free(b.bytes);
 }
 
+/* A chunk whose own checksums are right, but which is not the one that was written. */
+TEST(exchanged_chunk_breaks_the_chain) {
+    for (int kind = 0; kind < SMALL_KINDS; kind++) {
+        blob b = small_file(&run, kind);
+        uint8_t *h = b.bytes + pbs_get_u32(b.bytes + HEADER_BYTES_AT);
+        while (pbs_get_u32(h + CHUNK_TAG_AT) == PBS_TAG_DIR)
+            h += CHUNK_FIXED + pbs_get_u64(h + CHUNK_BYTES_AT) +
+                 pbs_padding(pbs_get_u64(h + CHUNK_BYTES_AT), PBS_ALIGN);
+        h[CHUNK_FIXED + pbs_get_u64(h + CHUNK_BYTES_AT) - 1] ^= 1;
+        reseal_chunk(h, pbs_get_u64(h + CHUNK_BYTES_AT), pbs_get_u32(h + CHUNK_SEQUENCE_AT));
+        CHECK(check_blob(&run, b, true, &err) == PBS_DATA);
+        CHECK(check_blob(&run, b, false, &err) == PBS_DATA);
+        free(b.bytes);
+    }
+}
+
 TEST(trailing_bytes_message) {
     blob b = chunks_file(&run, 4, false);
     b.bytes = realloc(b.bytes, 2 * b.size);
