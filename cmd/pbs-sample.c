@@ -113,6 +113,9 @@ static pbs_code sample_node(job *j, pbs_node *node, pbs_err *err) {
     uint32_t *order = NULL;
     float *spacing = NULL;
     pbs_sample_result r;
+    /* Few candidates are done before a second thread has started. */
+    int threads = run->threads;
+    if (j->candidates.count < 100000) run->threads = 1;
     pbs_run_progress(run, "sampling", node->id, 0);
     pbs_code rc =
         pbs_mem_plan(run, pbs_sample_need(j->candidates.count, &p) + n * (8 + j->out.stride),
@@ -121,6 +124,7 @@ static pbs_code sample_node(job *j, pbs_node *node, pbs_err *err) {
     if (!rc) rc = pbs_alloc(run, &spacing, n, sizeof *spacing, "the spacing", err);
     if (!rc) rc = pbs_sample(j->sampler, &j->candidates, &p, order, spacing, &r, err);
     if (!rc) rc = emit(j, node, order, spacing, &r, err);
+    run->threads = threads;
     pbs_free(run, order);
     pbs_free(run, spacing);
     j->candidates.count = 0;
