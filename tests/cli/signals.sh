@@ -15,3 +15,17 @@ done
 kill $holder
 rm pipe
 ls
+# Also while a pipe is full because nobody reads from it.
+scene boxes.obj boxes n=2
+mkfifo full
+sleep 5 <full &
+holder=$!
+env --default-signal=INT pbs-gbuffer -q -r 512 boxes.obj >full 2>message.txt &
+tool=$!
+sleep 0.8
+kill -INT $tool
+wait $tool
+echo "status $?"
+cat message.txt
+kill $holder
+rm full
