@@ -50,7 +50,6 @@ typedef struct job {
 
 static pbs_code take_view(void *ctx, const pbs_gbuffer_view *view, pbs_err *err) {
     job *j = ctx;
-    pbs_run_progress(&j->app->run, "views", (uint64_t)view->view, 0);
     if (j->o->exr) {
         pbs_code rc = pbs_exr_write_view(&j->app->run, j->o->exr, view, err);
         if (rc) return rc;

@@ -116,7 +116,6 @@ static pbs_code sample_node(job *j, pbs_node *node, pbs_err *err) {
     /* Few candidates are done before a second thread has started. */
     int threads = run->threads;
     if (j->candidates.count < 100000) run->threads = 1;
-    pbs_run_progress(run, "sampling", node->id, 0);
     pbs_code rc =
         pbs_mem_plan(run, pbs_sample_need(j->candidates.count, &p) + n * (8 + j->out.stride),
                      "the sampler", err);

@@ -48,7 +48,7 @@ enum {
     /* CRC over the headers of all chunks but directory pages, each without its own CRC: one that
      * runs over data and its CRC would forget the data */
     FOOTER_CHAIN_AT = 32,
-    FOOTER_CRC_AT = 52,   /* of bytes 0 .. 51 */
+    FOOTER_CRC_AT = 52, /* of bytes 0 .. 51 */
     FOOTER_MAGIC_AT = 56
 };
 #endif

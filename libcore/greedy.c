@@ -491,6 +491,7 @@ static pbs_code take_rest(pbs_greedy *g, pbs_err *err) {
     for (size_t f = 0; f < g->t->fans[0]; f++) g->list[f].epoch = 0;
     for (float top = refresh(g->t); !rc && g->made < g->wanted && top > 0; top = refresh(g->t)) {
         g->bound = next_bound(g, top);
+        pbs_run_progress(g->run, "sampling", g->made, g->wanted);
         rc = sweep_all(g, err);
     }
     return rc;

@@ -130,7 +130,9 @@ pbs_code pbs_paper_choose(pbs_run *run, const pbs_metric *m, const pbs_points *i
         draw(&p, subset, most < subset ? most : subset);
         made = accept(&p, made, wanted, order, spacing);
         remove_gone(&p, subset);
-        if (round % 64 == 0) rc = pbs_run_check(run, err);
+        if (round % 64) continue;
+        pbs_run_progress(run, "sampling", made, wanted);
+        rc = pbs_run_check(run, err);
     }
     *count = made;
     return rc;
