@@ -46,12 +46,13 @@ typedef struct job {
     pbs_writer *w;
     pbs_record record;
     uint64_t written;
+    const double *origin; /* of the frame that is drawn in */
 } job;
 
 static pbs_code take_view(void *ctx, const pbs_gbuffer_view *view, pbs_err *err) {
     job *j = ctx;
     if (j->o->exr) {
-        pbs_code rc = pbs_exr_write_view(&j->app->run, j->o->exr, view, err);
+        pbs_code rc = pbs_exr_write_view(&j->app->run, j->o->exr, j->origin, view, err);
         if (rc) return rc;
     }
     pbs_code rc = pbs_points_write(&j->app->run, j->w, &j->record, 0, &view->points, j->written,
@@ -105,6 +106,7 @@ static size_t fit_threads(pbs_run *run, const pbs_gbuffer_scene *gs, const pbs_g
 static pbs_code render(job *j, const pbs_scene *s, const pbs_flat *flat, const pbs_image *images,
                        pbs_err *err) {
     pbs_app *app = j->app;
+    j->origin = flat->origin;
     pbs_gbuffer_scene gs = {flat->draws,       flat->count, s->materials,
                             s->material_count, images,      s->texture_count};
     pbs_gbuffer_params p = {

@@ -242,14 +242,15 @@ static pbs_code sample_exr(job *j, pbs_err *err) {
     pbs_code rc = PBS_OK;
     for (int i = 0; i < j->app->common.operand_count && !rc; i++)
         rc = pbs_exr_read_views(run, pbs_operand(j->app, i), &j->in.channels, &j->candidates,
-                                &j->cap, err);
+                                &j->cap, node.origin, err);
     if (!rc && !j->candidates.count)
         rc = pbs_fail(err, PBS_DATA, "%s: no pixel is covered", pbs_operand(j->app, 0));
     if (!rc) rc = open_writer(j, NULL, err);
     if (rc) return rc;
     for (size_t i = 0; i < j->candidates.count; i++) {
         const float *p = j->candidates.position + 3 * i;
-        double v[3] = {p[0], p[1], p[2]};
+        double v[3];
+        for (int k = 0; k < 3; k++) v[k] = node.origin[k] + p[k];
         /* What is not finite is left out and counted by the sampler. */
         if (isfinite(v[0]) && isfinite(v[1]) && isfinite(v[2])) pbs_box_add(&node.box, v);
     }

@@ -82,7 +82,8 @@ static int fill_parts(const pbs_gbuffer_view *v, float *data, pbs_exr_plane *pla
         scatter(v, &planes[i], data);
         *plane = (pbs_exr_plane){planes[i].name, data, 1, planes[i].half};
         if (!parts || strcmp(part[parts - 1].name, planes[i].part))
-            part[parts++] = (pbs_exr_part){planes[i].part, v->width, v->height, plane, 0};
+            part[parts++] =
+                (pbs_exr_part){planes[i].part, v->width, v->height, plane, 0, {0, 0, 0}};
         part[parts - 1].plane_count++;
         plane++;
         data += size;
@@ -90,8 +91,8 @@ static int fill_parts(const pbs_gbuffer_view *v, float *data, pbs_exr_plane *pla
     return parts;
 }
 
-pbs_code pbs_exr_write_view(pbs_run *run, const char *dir, const pbs_gbuffer_view *v,
-                            pbs_err *err) {
+pbs_code pbs_exr_write_view(pbs_run *run, const char *dir, const double origin[3],
+                            const pbs_gbuffer_view *v, pbs_err *err) {
     const pbs_module_exr *exr;
     char path[4096];
     float *data;
@@ -107,6 +108,7 @@ pbs_code pbs_exr_write_view(pbs_run *run, const char *dir, const pbs_gbuffer_vie
                    "the planes of an EXR file", err);
     if (rc) return rc;
     int parts = fill_parts(v, data, plane, part);
+    for (int i = 0; i < parts; i++) memcpy(part[i].origin, origin, sizeof part[i].origin);
     rc = exr->write(path, part, parts, err);
     pbs_free(run, data);
     return rc;
@@ -122,6 +124,7 @@ typedef struct view {
     uint32_t *channels;
     pbs_points *points;
     size_t *cap;
+    double *origin;
     int views;
 } view;
 
@@ -215,6 +218,10 @@ static pbs_code take_part(void *ctx, const pbs_exr_part *part, pbs_err *err) {
             rc = finish_view(v, err);
             break;
         }
+    bool first = !*v->channels && !v->plane[0];
+    if (first) memcpy(v->origin, part->origin, sizeof part->origin);
+    if (!rc && memcmp(v->origin, part->origin, sizeof part->origin))
+        rc = pbs_fail(err, PBS_DATA, "%s: views with different origins", v->path);
     bool fresh = true;
     for (int i = 0; i < PLANES; i++) fresh = fresh && !v->plane[i];
     if (!rc && !fresh && (part->width != v->width || part->height != v->height))
@@ -227,11 +234,16 @@ static pbs_code take_part(void *ctx, const pbs_exr_part *part, pbs_err *err) {
 }
 
 pbs_code pbs_exr_read_views(pbs_run *run, const char *path, uint32_t *channels, pbs_points *points,
-                            size_t *cap, pbs_err *err) {
+                            size_t *cap, double origin[3], pbs_err *err) {
     const void *module;
     pbs_code rc = pbs_module_open(run, "exr", OPENEXR_BYTES, &module, err);
     if (rc) return rc;
-    view v = {.run = run, .path = path, .channels = channels, .points = points, .cap = cap};
+    view v = {.run = run,
+              .path = path,
+              .channels = channels,
+              .points = points,
+              .cap = cap,
+              .origin = origin};
     rc = ((const pbs_module_exr *)module)->read(run, path, take_part, &v, err);
     if (!rc) rc = finish_view(&v, err);
     forget(&v);

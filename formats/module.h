@@ -17,7 +17,8 @@ extern "C" {
 /* Changes whenever a struct that crosses the border does, so that a module of another build is
  * refused and not called. */
 #define PBS_MODULE_ABI                                                                             \
-    ((int)(1000000 + 10000 * sizeof(pbs_run) + 100 * sizeof(pbs_sink) + sizeof(pbs_err)))
+    ((int)(1000000 + 10000 * sizeof(pbs_run) + 100 * sizeof(pbs_sink) + sizeof(pbs_err) +          \
+           sizeof(pbs_exr_part)))
 
 /* gltf.so: tinygltf and Draco. */
 typedef struct pbs_module_gltf {
@@ -50,6 +51,7 @@ typedef struct pbs_exr_part {
     uint32_t width, height;
     pbs_exr_plane *planes;
     int plane_count;
+    double origin[3]; /* what positions are relative to: the attribute pbsOrigin; 0 without one */
 } pbs_exr_part;
 typedef struct pbs_module_exr {
     int abi;

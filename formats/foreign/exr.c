@@ -36,6 +36,9 @@ static pbs_code add_part(exr_context_t c, const pbs_exr_part *part, pbs_err *err
         (rc = exr_initialize_required_attr_simple(c, p, (int)part->width, (int)part->height,
                                                   EXR_COMPRESSION_ZIP)))
         return failed(err, PBS_IO, part->name, rc);
+    exr_attr_v3d_t origin = {{{part->origin[0], part->origin[1], part->origin[2]}}};
+    if ((rc = exr_attr_set_v3d(c, p, "pbsOrigin", &origin)))
+        return failed(err, PBS_IO, part->name, rc);
     for (int i = 0; i < part->plane_count; i++) {
         const pbs_exr_plane *plane = &part->planes[i];
         if ((uint64_t)part->width * plane->stride * sizeof(float) > INT_MAX)
@@ -204,7 +207,10 @@ typedef pbs_code exr_sink(void *ctx, const pbs_exr_part *part, pbs_err *err);
 static pbs_code hand_over(pbs_run *run, const reading *r, exr_sink *sink, void *ctx, pbs_err *err) {
     const char *name = NULL;
     int n = r->channels->num_channels;
-    pbs_exr_part part = {"", r->width, r->height, NULL, n};
+    pbs_exr_part part = {"", r->width, r->height, NULL, n, {0, 0, 0}};
+    exr_attr_v3d_t origin;
+    if (!exr_attr_get_v3d(r->c, r->part, "pbsOrigin", &origin))
+        for (int k = 0; k < 3; k++) part.origin[k] = isfinite(origin.arr[k]) ? origin.arr[k] : 0;
     if (!exr_get_name(r->c, r->part, &name) && name) part.name = name;
     pbs_code code = pbs_alloc(run, &part.planes, (size_t)n, sizeof *part.planes, "EXR", err);
     if (code) return code;

@@ -12,3 +12,8 @@ pbs-flatten exr.surf | pbs-info --check
 status pbs-sample gone.exr
 echo no >bad.exr
 status pbs-sample bad.exr
+# Far from the origin: the files say where their positions belong.
+scene far.obj sphere n=8 offset=1e7
+pbs-gbuffer -q -r 50 --exr far far.obj -o far.cand
+pbs-sample -n 100 far/*.exr | pbs-flatten -o far.pbs
+pbs-info --nodes far.pbs | tail -1 | grep -c '\[9999999.*, 10000001'

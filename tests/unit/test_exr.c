@@ -66,6 +66,7 @@ static pbs_code look(void *ctx, const pbs_exr_part *part, pbs_err *e) {
     CHECK(part->width == want->sizes[p][0] && part->height == want->sizes[p][1]);
     CHECK(part->plane_count == 3);
     static const char *const channels[] = {"N.Z", "P.X", "P.Y"};
+    CHECK(part->origin[0] == 1e7 && part->origin[1] == -2 && part->origin[2] == 0.5);
     for (int c = 0; c < part->plane_count && c < 3; c++) {
         const pbs_exr_plane *plane = &part->planes[c];
         CHECK(!strcmp(plane->channel, channels[c]) && plane->stride == 1 &&
@@ -101,7 +102,7 @@ static pbs_code write_three(void) {
         planes[p][0] = (pbs_exr_plane){"P.Y", d + 1, 2, 0};
         planes[p][1] = (pbs_exr_plane){"P.X", d, 2, 0};
         planes[p][2] = (pbs_exr_plane){"N.Z", d + 2 * n, 1, 1};
-        parts[p] = (pbs_exr_part){names[p], sizes[p][0], sizes[p][1], planes[p], 3};
+        parts[p] = (pbs_exr_part){names[p], sizes[p][0], sizes[p][1], planes[p], 3, {1e7, -2, 0.5}};
     }
     pbs_code rc = module->write(path, parts, 3, &err);
     for (int p = 0; p < 3; p++) free(data[p]);
@@ -187,7 +188,7 @@ TEST(errors) {
     NEED_EXR;
     float data[4] = {0};
     pbs_exr_plane plane = {"R", data, 1, 0};
-    pbs_exr_part part = {"a", 2, 2, &plane, 1};
+    pbs_exr_part part = {"a", 2, 2, &plane, 1, {0, 0, 0}};
     CHECK(module->write("/nonexistent/x.exr", &part, 1, &err) == PBS_IO);
     CHECK(strstr(err.text, "/nonexistent/x.exr"));
     CHECK(module->write(path, &part, 0, &err) == PBS_DATA);
