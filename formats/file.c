@@ -1,9 +1,12 @@
 #include "formats/file.h"
 #include <errno.h>
 #include <fcntl.h>
+#include <limits.h>
+#include <poll.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/ioctl.h>
 #include <sys/mman.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -247,9 +250,33 @@ pbs_code pbs_output_spool(pbs_run *run, pbs_output *out, pbs_err *err) {
     return rc;
 }
 
+/* How much of *n a pipe takes without waiting. A thread that waits inside of write for a reader
+ * which never reads may not be the one that a signal wakes, so we wait outside, and look. An empty
+ * pipe takes what it holds; one that poll calls writable takes a page. */
+static pbs_code wait_for_pipe(const pbs_output *out, size_t *n, pbs_err *err) {
+    struct pollfd p = {.fd = out->fd, .events = POLLOUT};
+    for (int ready = 0; !ready;) {
+        pbs_code rc = pbs_run_check(out->run, err);
+        if (rc) return rc;
+        ready = poll(&p, 1, 200);
+        if (ready < 0 && errno != EINTR) return pbs_fail_errno(err, "%s", out->name);
+        if (ready < 0) ready = 0;
+    }
+    int queued = 1, holds = 0;
+    if (!ioctl(out->fd, FIONREAD, &queued) && !queued) holds = fcntl(out->fd, F_GETPIPE_SZ);
+    size_t room = holds > PIPE_BUF ? (size_t)holds : PIPE_BUF;
+    if (*n > room) *n = room;
+    return PBS_OK;
+}
+
 static pbs_code write_fully(pbs_output *out, const uint8_t *p, size_t n, pbs_err *err) {
+    struct stat st;
+    bool pipe = !out->seekable && !fstat(out->fd, &st) && S_ISFIFO(st.st_mode);
     while (n) {
-        ssize_t w = write(out->fd, p, n);
+        size_t now = n;
+        pbs_code waited = pipe ? wait_for_pipe(out, &now, err) : PBS_OK;
+        if (waited) return waited;
+        ssize_t w = write(out->fd, p, now);
         if (w < 0 && errno == EINTR) {
             pbs_code rc = pbs_run_check(out->run, err);
             if (rc) return rc;

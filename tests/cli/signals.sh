@@ -12,7 +12,7 @@ for sig in INT TERM; do
     echo "status $?"
     cat message.txt
 done
-kill $holder
+kill $holder 2>/dev/null
 rm pipe
 ls
 # Also while a pipe is full because nobody reads from it.
@@ -27,5 +27,5 @@ kill -INT $tool
 wait $tool
 echo "status $?"
 cat message.txt
-kill $holder
+kill $holder 2>/dev/null
 rm full
