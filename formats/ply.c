@@ -454,16 +454,6 @@ static pbs_code read_strips(ply *y, const pbs_ply_element *e, pbs_err *err) {
     return rc;
 }
 
-static bool is_face(const pbs_ply_element *e) {
-    return pbs_text_is(e->name, "face");
-}
-static bool is_strip(const pbs_ply_element *e) {
-    return pbs_text_is(e->name, "tristrips");
-}
-static bool is_vertex(const pbs_ply_element *e) {
-    return pbs_text_is(e->name, "vertex");
-}
-
 static bool has_role(const ply *y, const pbs_ply_element *e, pbs_ply_role r) {
     for (size_t i = 0; i < e->properties; i++)
         if (y->header.property[e->first + i].role == r) return true;
@@ -475,7 +465,7 @@ static pbs_code read_faces(ply *y, const pbs_ply_element *e, pbs_err *err) {
         return pbs_fail(err, PBS_DATA, "the faces have no list vertex_indices");
     pbs_code rc = begin_element(y, e, err);
     while (!rc && y->number < e->count) {
-        rc = is_face(e) ? read_face(y, e, err) : read_strips(y, e, err);
+        rc = pbs_ply_is_face(e) ? read_face(y, e, err) : read_strips(y, e, err);
         if (!rc) rc = check(y, err);
     }
     return rc;
@@ -502,7 +492,7 @@ static void find_attributes(ply *y) {
     memset(y->colour, 255, 4);
     for (size_t i = 0; i < y->header.elements; i++) {
         const pbs_ply_element *e = &y->header.element[i];
-        if (!is_face(e)) continue;
+        if (!pbs_ply_is_face(e)) continue;
         if (has_role(y, e, PBS_PLY_WEDGE_UV)) y->attributes |= PBS_CORNER_UV;
         y->face_colour |= !has(y, PBS_PLY_RED, 3) && has_role(y, e, PBS_PLY_RED) &&
                           has_role(y, e, PBS_PLY_GREEN) && has_role(y, e, PBS_PLY_BLUE);
@@ -529,7 +519,7 @@ static pbs_code read_earlier_faces(ply *y, const pbs_ply_element *vertex, pbs_er
     const char *here = y->p;
     pbs_code rc = PBS_OK;
     for (pbs_ply_element *e = y->header.element; e < vertex && !rc; e++) {
-        if (!is_face(e) && !is_strip(e)) continue;
+        if (!pbs_ply_is_face(e) && !pbs_ply_is_strip(e)) continue;
         y->p = e->start;
         rc = read_faces(y, e, err);
     }
@@ -543,11 +533,11 @@ static pbs_code read_elements(ply *y, const char *name, pbs_err *err) {
         pbs_ply_element *e = &y->header.element[i];
         e->start = y->p;
         y->element = NULL;
-        if (is_vertex(e) && !y->begun) {
+        if (pbs_ply_is_vertex(e) && !y->begun) {
             rc = read_vertices(y, e, err);
             if (!rc) rc = begin(y, name, err);
             if (!rc) rc = read_earlier_faces(y, e, err);
-        } else if (y->begun && (is_face(e) || is_strip(e))) {
+        } else if (y->begun && (pbs_ply_is_face(e) || pbs_ply_is_strip(e))) {
             rc = read_faces(y, e, err);
         } else {
             rc = skip_element(y, e, err);
@@ -562,21 +552,6 @@ static pbs_code check_end(ply *y, pbs_err *err) {
     while (p < y->end && (pbs_text_is_blank(*p) || *p == 0)) p++;
     if (p == y->end) return PBS_OK;
     return pbs_fail(err, PBS_DATA, "%zu bytes follow the last element: a count is wrong", left(y));
-}
-
-static pbs_code check_header(const ply *y, pbs_err *err) {
-    uint64_t vertices = 0, faces = 0;
-    for (size_t i = 0; i < y->header.elements; i++) {
-        const pbs_ply_element *e = &y->header.element[i];
-        vertices += is_vertex(e) ? e->count : 0;
-        faces += is_face(e) || is_strip(e) ? e->count : 0;
-    }
-    if (faces && !vertices) return pbs_fail(err, PBS_DATA, "has faces, but no vertices");
-    if (!faces && vertices)
-        return pbs_fail(err, PBS_DATA,
-                        "has no faces, only %llu vertices: a point cloud has no triangles",
-                        (unsigned long long)vertices);
-    return faces ? PBS_OK : pbs_fail(err, PBS_DATA, "has no faces and no vertices");
 }
 
 static void say_where(const ply *y, pbs_err *err) {
@@ -595,7 +570,7 @@ pbs_code pbs_import_ply(const char *path, const void *bytes, size_t size, const 
     y.faces.sink = y.mtl.sink = sink;
     y.mtl.path = path;
     pbs_code rc = pbs_ply_header_read(sink->run, bytes, size, &y.header, err);
-    if (!rc) rc = check_header(&y, err);
+    if (!rc) rc = pbs_ply_check_header(&y.header, err);
     y.p = y.header.data;
     y.end = y.file + size;
     if (!rc) {

@@ -156,3 +156,28 @@ void pbs_ply_header_free(pbs_run *run, pbs_ply_header *h) {
     pbs_free(run, h->property);
     pbs_free(run, h->texture);
 }
+
+bool pbs_ply_is_face(const pbs_ply_element *e) {
+    return pbs_text_is(e->name, "face");
+}
+bool pbs_ply_is_strip(const pbs_ply_element *e) {
+    return pbs_text_is(e->name, "tristrips");
+}
+bool pbs_ply_is_vertex(const pbs_ply_element *e) {
+    return pbs_text_is(e->name, "vertex");
+}
+
+pbs_code pbs_ply_check_header(const pbs_ply_header *h, pbs_err *err) {
+    uint64_t vertices = 0, faces = 0;
+    for (size_t i = 0; i < h->elements; i++) {
+        const pbs_ply_element *e = &h->element[i];
+        vertices += pbs_ply_is_vertex(e) ? e->count : 0;
+        faces += pbs_ply_is_face(e) || pbs_ply_is_strip(e) ? e->count : 0;
+    }
+    if (faces && !vertices) return pbs_fail(err, PBS_DATA, "has faces, but no vertices");
+    if (!faces && vertices)
+        return pbs_fail(err, PBS_DATA,
+                        "has no faces, only %llu vertices: a point cloud has no triangles",
+                        (unsigned long long)vertices);
+    return faces ? PBS_OK : pbs_fail(err, PBS_DATA, "has no faces and no vertices");
+}

@@ -74,4 +74,12 @@ typedef struct pbs_ply_header {
 pbs_code pbs_ply_header_read(pbs_run *run, const void *bytes, size_t size, pbs_ply_header *h,
                              pbs_err *err);
 void pbs_ply_header_free(pbs_run *run, pbs_ply_header *h);
+
+/* What an element is for. */
+bool pbs_ply_is_vertex(const pbs_ply_element *e);
+bool pbs_ply_is_face(const pbs_ply_element *e);
+bool pbs_ply_is_strip(const pbs_ply_element *e);
+
+/* PBS_DATA for a file that cannot hold triangles: no faces, or no vertices. */
+pbs_code pbs_ply_check_header(const pbs_ply_header *h, pbs_err *err);
 #endif

@@ -51,7 +51,8 @@ static pbs_code build_target(pbs_canvas *c, target *t, int samples, bool depth, 
     if (code) return code;
     GLenum status = gl->CheckNamedFramebufferStatus(t->frame, GL_DRAW_FRAMEBUFFER);
     if (status == GL_FRAMEBUFFER_COMPLETE) return PBS_OK;
-    return pbs_fail(err, PBS_INTERNAL, "OpenGL: canvas: framebuffer status 0x%04x", status);
+    return pbs_fail(err, PBS_LIMIT, "picture of %u x %u pixels: %s refuses it (framebuffer 0x%04x)",
+                    c->width, c->height, gl->device, status);
 }
 
 static void free_target(const pbs_gl *gl, target *t) {
