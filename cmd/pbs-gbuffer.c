@@ -79,9 +79,8 @@ static void choose_directions(int which, pbs_gbuffer_params *p) {
 
 /* A scene's root often has no name; the file's is better than none. */
 static const char *name_of(const pbs_scene *s) {
-    const char *name = s->nodes[s->node_count - 1].name, *file = pbs_reader_name(s->reader);
-    const char *slash = strrchr(file, '/');
-    return *name ? name : slash ? slash + 1 : file;
+    const char *name = s->nodes[s->node_count - 1].name;
+    return *name ? name : pbs_base_name(pbs_reader_name(s->reader));
 }
 
 static pbs_code write_node(job *j, const pbs_scene *s, const pbs_flat *flat,

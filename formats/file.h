@@ -8,6 +8,7 @@
 #define PBS_FILE_H
 
 #include "libcore/run.h"
+#include <string.h>
 
 typedef struct pbs_input {
     int fd;               /* -1 if mapped */
@@ -19,6 +20,12 @@ typedef struct pbs_input {
     char name[512]; /* for messages: the path or "standard input" */
     pbs_run *run;
 } pbs_input;
+
+/* A path without its folders; points into it. */
+static inline const char *pbs_base_name(const char *path) {
+    const char *slash = strrchr(path, '/');
+    return slash ? slash + 1 : path;
+}
 
 /* path NULL or "-": standard input. Regular files are mapped, pipes are not. Errors: PBS_IO;
  * PBS_DATA for a directory. */

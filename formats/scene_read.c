@@ -192,11 +192,6 @@ static pbs_code open_stream(pbs_scene *s, pbs_input *in, pbs_err *err) {
 
 /* ---- foreign files: import to a spool, open that ---- */
 
-static const char *base_name(const char *path) {
-    const char *slash = strrchr(path, '/');
-    return slash ? slash + 1 : path;
-}
-
 static pbs_code import_spool(pbs_run *run, pbs_input *in, const char *path,
                              const pbs_scene_options *options, pbs_input *scene, pbs_err *err) {
     pbs_output spool;
@@ -204,7 +199,8 @@ static pbs_code import_spool(pbs_run *run, pbs_input *in, const char *path,
     pbs_scene_writer *sw = NULL;
     char stage[600];
     snprintf(stage, sizeof stage, "pbs-import %s%s",
-             options && options->ignore_missing ? "--ignore-missing " : "", base_name(in->name));
+             options && options->ignore_missing ? "--ignore-missing " : "",
+             pbs_base_name(in->name));
     pbs_code rc = pbs_output_spool(run, &spool, err);
     if (rc) return rc;
     rc = pbs_writer_open(
