@@ -102,6 +102,14 @@ static uint64_t own_records(const void *ctx, uint32_t node) {
     return a->records[node] != NULL;
 }
 
+static uint64_t own_moving(const void *ctx, uint32_t node) {
+    const pbs_archive *a = ctx;
+    uint64_t n = 0;
+    for (uint32_t i = 0; i < a->nodes[node].child_count; i++)
+        n += !!(a->nodes[node].children[i].flags & PBS_CHILD_MOVES);
+    return n;
+}
+
 pbs_code pbs_archive_open(pbs_run *run, const char *path, pbs_archive *a, pbs_err *err) {
     memset(a, 0, sizeof *a);
     a->run = run;
@@ -115,6 +123,7 @@ pbs_code pbs_archive_open(pbs_run *run, const char *path, pbs_archive *a, pbs_er
     rc = pbs_reader_open(run, &in, PBS_KIND(PBS_ARCHIVE), &a->reader, err);
     if (!rc) rc = read_archive(a, err);
     if (!rc) rc = pbs_dag_count(run, a->nodes, a->node_count, own_records, a, &a->placings, err);
+    if (!rc) rc = pbs_dag_count(run, a->nodes, a->node_count, own_moving, a, &a->moving, err);
     if (rc) pbs_archive_close(a);
     return rc;
 }
@@ -127,6 +136,7 @@ void pbs_archive_close(pbs_archive *a) {
     pbs_free(a->run, a->nodes);
     pbs_free(a->run, a->records);
     pbs_free(a->run, a->placings);
+    pbs_free(a->run, a->moving);
     pbs_free(a->run, a->joined);
     pbs_reader_close(a->reader);
     memset(a, 0, sizeof *a);

@@ -13,6 +13,7 @@ typedef struct pbs_archive {
     size_t node_count;
     const uint8_t **records; /* of each node, one after the other; NULL: it has none */
     uint64_t *placings;      /* of nodes with records, below and including each node */
+    uint64_t *moving;        /* placings that an animation moves, below each node */
     uint8_t **joined;        /* own copies of those that the file has in several chunks */
 } pbs_archive;
 
