@@ -74,8 +74,9 @@ static pbs_code run_greedy(pbs_sampler *s, const pbs_points *in, const pbs_sampl
     size_t wanted = wanted_of(t->points, p);
     size_t first = pbs_random_below(pbs_random(p->seed, p->node, 0), (uint32_t)t->points);
     rc = (wide ? pbs_greedy_run_avx2 : pbs_greedy_run)(s->run, t, first, wanted, &l, err);
-    if (!rc) pbs_greedy_result(t, first, wanted, &l, order, spacing, result);
-    return rc;
+    if (rc) return rc;
+    return (wide ? pbs_greedy_result_avx2 : pbs_greedy_result)(s->run, t, first, wanted, &l, order,
+                                                               spacing, result, err);
 }
 
 pbs_code pbs_sample(pbs_sampler *s, const pbs_points *in, const pbs_sample_params *params,
