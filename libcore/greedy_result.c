@@ -158,6 +158,7 @@ static size_t room_for(size_t candidates, size_t wanted) {
 
 void pbs_greedy_result_layout(size_t candidates, size_t wanted, pbs_layout *scratch) {
     pbs_layout_take(scratch, room_for(candidates, wanted) * sizeof(uint64_t));
+    pbs_layout_take(scratch, wanted * sizeof(uint64_t));
 }
 
 void pbs_greedy_result(pbs_tree *t, size_t first, size_t wanted, pbs_layout *scratch,
@@ -165,6 +166,7 @@ void pbs_greedy_result(pbs_tree *t, size_t first, size_t wanted, pbs_layout *scr
     harvest h = {.t = t, .first = first, .wanted = wanted};
     h.room = room_for(t->points, wanted);
     h.place = pbs_layout_take(scratch, h.room * sizeof *h.place);
+    uint64_t *tmp = pbs_layout_take(scratch, wanted * sizeof *tmp);
     result->duplicates = collect(&h);
     size_t n = h.count < wanted ? h.count : wanted;
     float covering = fan_most(&t->fan[t->levels - 1][0]);
@@ -175,7 +177,7 @@ void pbs_greedy_result(pbs_tree *t, size_t first, size_t wanted, pbs_layout *scr
         h.last = h.place[wanted - 1];
         if (result->duplicates) result->duplicates -= count_freed(&h);
     }
-    sort_places(h.place, (uint64_t *)t->leaf, n); /* the leaves are not needed any more */
+    sort_places(h.place, tmp, n);
     for (size_t i = 0; i < n; i++) {
         order[i] = i ? (uint32_t)h.place[i] : t->id[first];
         spacing[i] = pbs_metric_length(&t->metric, i ? place_d(h.place[i]) : INFINITY);
