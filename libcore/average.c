@@ -117,8 +117,8 @@ static pbs_code octave(pbs_run *run, job *j, const pbs_points *in, const uint32_
                        pbs_points *out, pbs_err *err) {
     float radius2 = pbs_cover_radius2(&j->cover.tree->metric, spacing[length]);
     size_t n = surfels_between(j, finest, before, length);
-    pbs_code rc = (pbs_cpu_has_avx2() ? pbs_cover_add_avx2 : pbs_cover_add)(
-        run, &j->cover, j->now, n, radius2, false, err);
+    pbs_code rc = (pbs_cpu_has_avx2() ? pbs_cover_add_avx2 : pbs_cover_add)(run, &j->cover, j->now,
+                                                                            n, radius2, false, err);
     if (!rc) rc = pbs_owned_sum(run, &j->owned, &j->cover, length, err);
     for (size_t i = 0; i < length && !rc; i++) {
         pbs_mean m;

@@ -21,9 +21,9 @@ typedef struct walk {
     size_t first, end;
 } walk;
 
-static inline f8 lanes_d2(const walk *w, size_t leaf, int k) {
+/* What the normals make of the squares of the plain distances. */
+static inline f8 lanes_stretch(const walk *w, size_t leaf, int k, f8 d2) {
     const pbs_tree *t = w->c->tree;
-    f8 d2 = leaf_euclid(&t->leaf[leaf], k, &w->p.at);
     if (!t->normal) return d2;
     const pbs_leaf_normals *n = &t->normal[leaf];
     if (w->c->kind != PBS_COVER_SIDE) return leaf_stretch(&t->metric, n, k, &w->p.at, d2);
@@ -45,24 +45,45 @@ static void settle_ties(const walk *w, uint32_t *owner, unsigned ties) {
     }
 }
 
-static inline void cover_leaf(const walk *w, size_t leaf) {
+static inline void cover_lanes(const walk *w, size_t leaf) {
+    enum { VECTORS = PBS_LEAF / 8 };
     pbs_leaf *l = &w->c->tree->leaf[leaf];
     uint32_t *owner = w->c->owner + leaf * PBS_LEAF;
-    bool spare = w->c->kind == PBS_COVER_OTHERS && w->p.slot / PBS_LEAF == leaf;
-    size_t own = w->p.slot % PBS_LEAF;
-    float own_d = l->d[own];
-    uint32_t own_owner = owner[own];
+    f8 old[VECTORS], d2[VECTORS], most = f8_all(0);
+    unsigned far = 255;
 #pragma GCC unroll 4
-    for (int k = 0; k < PBS_LEAF / 8; k++) {
-        f8 old = f8_at(l->d + 8 * k), d2 = lanes_d2(w, leaf, k);
-        unsigned ties = f8_equal(d2, old) & f8_less(d2, f8_all(INFINITY));
-        if (ties) settle_ties(w, owner + 8 * k, ties);
-        if (!f8_less(d2, old)) continue;
-        float *o = (float *)(void *)(owner + 8 * k); /* moved, never computed with */
-        f8_put(o, f8_if_less(d2, old, bits_of(w->rank), f8_at(o)));
-        f8_put(l->d + 8 * k, f8_min(d2, old));
+    for (int k = 0; k < VECTORS; k++) {
+        old[k] = f8_at(l->d + 8 * k);
+        d2[k] = leaf_euclid(l, k, &w->p.at);
+        far &= f8_less(old[k], d2[k]);
     }
-    if (spare) l->d[own] = own_d, owner[own] = own_owner;
+    if (far == 255) return;
+#pragma GCC unroll 4
+    for (int k = 0; k < VECTORS; k++) {
+        d2[k] = lanes_stretch(w, leaf, k, d2[k]);
+        unsigned ties = f8_equal(d2[k], old[k]) & f8_less(d2[k], f8_all(INFINITY));
+        if (ties) settle_ties(w, owner + 8 * k, ties);
+        float *o = (float *)(void *)(owner + 8 * k); /* moved, never computed with */
+        f8_put(o, f8_if_less(d2[k], old[k], bits_of(w->rank), f8_at(o)));
+        d2[k] = f8_min(d2[k], old[k]);
+        f8_put(l->d + 8 * k, d2[k]);
+        most = f8_max(most, d2[k]);
+    }
+    w->c->tree->fan[0][leaf / PBS_FAN].max[leaf % PBS_FAN] = f8_most(most);
+}
+
+/* A surfel's own slot is left as it was where only the others count; its leaf's maximum with it. */
+static void cover_leaf(const walk *w, size_t leaf) {
+    if (w->c->kind != PBS_COVER_OTHERS || w->p.slot / PBS_LEAF != leaf) {
+        cover_lanes(w, leaf);
+        return;
+    }
+    float *d = &w->c->tree->leaf[leaf].d[w->p.slot % PBS_LEAF], d_before = *d;
+    uint32_t *owner = &w->c->owner[w->p.slot], owner_before = *owner;
+    cover_lanes(w, leaf);
+    *d = d_before, *owner = owner_before;
+    float *max = &w->c->tree->fan[0][leaf / PBS_FAN].max[leaf % PBS_FAN];
+    *max = *max > d_before ? *max : d_before;
 }
 
 static void cover_fan(const walk *w, int level, size_t fan) {
@@ -103,12 +124,6 @@ static pbs_code cover_part(void *ctx, size_t i, int thread, pbs_err *err) {
         w.rank = s->surfels[k].rank;
         cover_fan(&w, t->levels - 1, 0);
     }
-    for (size_t f = w.first; f < w.end; f++)
-        for (size_t c = 0; c < PBS_FAN && f * PBS_FAN + c < t->leaves; c++) {
-            const float *d = t->leaf[f * PBS_FAN + c].d;
-            f8 most = f8_max(f8_max(f8_at(d), f8_at(d + 8)), f8_max(f8_at(d + 16), f8_at(d + 24)));
-            t->fan[0][f].max[c] = f8_most(most);
-        }
     return PBS_OK;
 }
 
@@ -138,8 +153,8 @@ static pbs_code cover_pass(pbs_run *run, pass s, size_t count, pbs_err *err) {
 #define LONGEST 0x1p14f
 
 pbs_code PBS_COVER_NAME(pbs_cover_add)(pbs_run *run, const pbs_cover *c,
-                                       const pbs_cover_surfel *surfels, size_t count,
-                                       float radius2, bool once, pbs_err *err) {
+                                       const pbs_cover_surfel *surfels, size_t count, float radius2,
+                                       bool once, pbs_err *err) {
     const pbs_tree *t = c->tree;
     double diagonal = t->metric.diagonal * t->metric.length;
     float least = (float)(diagonal * diagonal) * 0x1p-40f;

@@ -9,7 +9,7 @@ void pbs_owned_init(pbs_owned *o, const pbs_points *in) {
     if (in->normal) o->normal = lane, lane += 3;
     if (in->material) o->material = lane, lane += 2;
     if (in->emissive) o->emissive = lane, lane += 3;
-    o->lanes = lane <= PBS_LANES_STEP ? PBS_LANES_STEP : PBS_LANES_MOST;
+    o->lanes = lane <= PBS_OWNED_FEW ? PBS_OWNED_FEW : PBS_OWNED_MOST;
 }
 
 void pbs_owned_layout(pbs_owned *o, size_t slots, size_t surfels, int parts, pbs_layout *layout) {
@@ -29,32 +29,31 @@ typedef struct filler {
     int parts;
 } filler;
 
+static void fill_normal(const filler *f, size_t slot, uint16_t *row) {
+    int16_t n[4];
+    if (f->t->normal) {
+        const pbs_leaf_normals *l = &f->t->normal[slot / PBS_LEAF];
+        memcpy(n, l->xy[slot % PBS_LEAF], 4);
+        memcpy(n + 2, l->z0[slot % PBS_LEAF], 4);
+    } else
+        pbs_place_normal(n, f->o->in->normal + 2 * (size_t)f->t->id[slot]);
+    for (int k = 0; k < 3; k++) row[f->o->normal + k] = (uint16_t)(n[k] + ZERO);
+}
+
 static void fill_row(const filler *f, size_t slot, uint16_t *row) {
     const pbs_owned *o = f->o;
-    size_t i = f->t->id[slot];
+    size_t i = 4 * (size_t)f->t->id[slot];
     row[0] = 1;
     if (o->colour >= 0) {
-        const uint8_t *c = o->in->colour + 4 * i;
-        uint16_t *to = row + o->colour;
-        for (int k = 0; k < 3; k++) to[k] = f->linear[c[k]];
-        to[3] = (uint16_t)(257 * c[3]);
+        const uint8_t *c = o->in->colour + i;
+        for (int k = 0; k < 3; k++) row[o->colour + k] = f->linear[c[k]];
+        row[o->colour + 3] = (uint16_t)(257 * c[3]);
     }
-    if (o->normal >= 0) {
-        int16_t n[4];
-        if (f->t->normal) {
-            const pbs_leaf_normals *l = &f->t->normal[slot / PBS_LEAF];
-            memcpy(n, l->xy[slot % PBS_LEAF], 4);
-            memcpy(n + 2, l->z0[slot % PBS_LEAF], 4);
-        } else
-            pbs_place_normal(n, o->in->normal + 2 * i);
-        for (int k = 0; k < 3; k++) row[o->normal + k] = (uint16_t)(n[k] + ZERO);
-    }
-    if (o->material >= 0)
-        for (int k = 0; k < 2; k++)
-            row[o->material + k] = (uint16_t)(257 * o->in->material[4 * i + (size_t)k]);
-    if (o->emissive >= 0)
-        for (int k = 0; k < 3; k++)
-            row[o->emissive + k] = f->linear[o->in->emissive[4 * i + (size_t)k]];
+    if (o->normal >= 0) fill_normal(f, slot, row);
+    for (int k = 0; k < 2 && o->material >= 0; k++)
+        row[o->material + k] = (uint16_t)(257 * o->in->material[i + (size_t)k]);
+    for (int k = 0; k < 3 && o->emissive >= 0; k++)
+        row[o->emissive + k] = f->linear[o->in->emissive[i + (size_t)k]];
 }
 
 static void ask_for(const filler *f, size_t slot) {
@@ -94,28 +93,39 @@ typedef struct adder {
     int parts;
 } adder;
 
-static inline void add_row(uint64_t *restrict sum, const uint16_t *restrict row) {
-    for (int k = 0; k < PBS_LANES_STEP; k++) sum[k] += row[k];
+/* Neighbours along the curve mostly have the same owner: their rows are added up apart, in 32 bits:
+ * a leaf's rows cannot need more. */
+static void add_leaf(const adder *a, uint64_t *sum, size_t leaf, size_t count) {
+    size_t lanes = (size_t)a->o->lanes;
+    const uint32_t *owner = a->c->owner + leaf * PBS_LEAF;
+    const uint16_t *row = a->o->row + leaf * PBS_LEAF * lanes;
+    for (size_t i = 0, end; i < count; i = end) {
+        for (end = i + 1; end < count && owner[end] == owner[i]; end++) continue;
+        if (owner[i] >= a->count) continue;
+        for (size_t k = 0; k < lanes; k += PBS_OWNED_FEW) {
+            uint32_t few[PBS_OWNED_FEW] = {0};
+            for (size_t j = i; j < end; j++)
+                for (size_t v = 0; v < PBS_OWNED_FEW; v++) few[v] += row[j * lanes + k + v];
+            for (size_t v = 0; v < PBS_OWNED_FEW; v++) sum[owner[i] * lanes + k + v] += few[v];
+        }
+    }
 }
 
 static pbs_code add_part(void *ctx, size_t i, int thread, pbs_err *err) {
     (void)thread, (void)err;
     const adder *a = ctx;
-    size_t lanes = (size_t)a->o->lanes, n = a->c->tree->points;
-    size_t end = pbs_part_end(n, a->parts, i);
-    uint64_t *sum = a->o->sum + i * a->count * lanes;
-    memset(sum, 0, a->count * lanes * sizeof *sum);
-    for (size_t slot = pbs_part_begin(n, a->parts, i); slot < end; slot++) {
-        uint32_t owner = a->c->owner[slot];
-        if (owner >= a->count) continue;
-        for (size_t k = 0; k < lanes; k += PBS_LANES_STEP)
-            add_row(sum + owner * lanes + k, a->o->row + slot * lanes + k);
+    const pbs_tree *t = a->c->tree;
+    uint64_t *sum = a->o->sum + i * a->count * (size_t)a->o->lanes;
+    memset(sum, 0, a->count * (size_t)a->o->lanes * sizeof *sum);
+    for (size_t leaf = pbs_part_begin(t->leaves, a->parts, i);
+         leaf < pbs_part_end(t->leaves, a->parts, i); leaf++) {
+        size_t left = t->points - leaf * PBS_LEAF;
+        add_leaf(a, sum, leaf, left < PBS_LEAF ? left : PBS_LEAF);
     }
     return PBS_OK;
 }
 
-pbs_code pbs_owned_sum(pbs_run *run, pbs_owned *o, const pbs_cover *c, size_t count,
-                       pbs_err *err) {
+pbs_code pbs_owned_sum(pbs_run *run, pbs_owned *o, const pbs_cover *c, size_t count, pbs_err *err) {
     adder a = {o, c, count, pbs_parts(run, c->tree->points, PBS_TREE_PART)};
     size_t size = count * (size_t)o->lanes;
     pbs_code rc = pbs_parallel(run, (size_t)a.parts, add_part, &a, err);

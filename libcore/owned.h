@@ -8,14 +8,14 @@
 
 #include "libcore/cover.h"
 
-enum { PBS_LANES_STEP = 8, PBS_LANES_MOST = 16 };
+enum { PBS_OWNED_FEW = 8, PBS_OWNED_MOST = 16 };
 
 typedef struct pbs_owned {
     const pbs_points *in;
-    int lanes; /* of a row: 8 or 16, some unused */
+    int lanes;                              /* of a row: 8 or 16, some unused */
     int colour, normal, material, emissive; /* first lane, or -1; lane 0 counts */
-    uint16_t *row; /* of each slot */
-    uint64_t *sum; /* of each surfel, and of each part after that */
+    uint16_t *row;                          /* of each slot */
+    uint64_t *sum;                          /* of each surfel, and of each part after that */
 } pbs_owned;
 
 /* What a row holds; says nothing yet about where the arrays are. */
