@@ -34,9 +34,10 @@ static size_t slots_of(size_t candidates) {
     return (candidates + PBS_LEAF - 1) / PBS_LEAF * PBS_LEAF;
 }
 
-static void lay_out(job *j, const pbs_points *in, size_t surfels, int parts, pbs_layout *l) {
-    size_t finest = pbs_octave_length(surfels, 1), slots = slots_of(in->count);
-    pbs_owned_init(&j->owned, in);
+static void lay_out(job *j, uint32_t channels, size_t candidates, size_t surfels, int parts,
+                    pbs_layout *l) {
+    size_t finest = pbs_octave_length(surfels, 1), slots = slots_of(candidates);
+    pbs_owned_init(&j->owned, channels);
     j->cover.owner = pbs_layout_take(l, slots * sizeof *j->cover.owner);
     j->surfels = pbs_layout_take(l, finest * sizeof *j->surfels);
     j->now = pbs_layout_take(l, finest * sizeof *j->now);
@@ -47,16 +48,17 @@ static void lay_out(job *j, const pbs_points *in, size_t surfels, int parts, pbs
 
 enum { ALLOC_HEAD = 64 }; /* what pbs_alloc adds */
 
-static size_t need(const pbs_points *in, size_t surfels, int parts) {
+static size_t need(uint32_t channels, size_t candidates, size_t surfels, int parts) {
     job j;
     pbs_layout l = {NULL, 0};
-    lay_out(&j, in, surfels, parts, &l);
+    lay_out(&j, channels, candidates, surfels, parts, &l);
     return l.used;
 }
 
-size_t pbs_average_need(const pbs_points *in, size_t surfels) {
+size_t pbs_average_need(uint32_t channels, size_t candidates, size_t surfels) {
     if (!pbs_octaves(surfels)) return 0;
-    return need(in, surfels, pbs_parts_most(in->count, PBS_TREE_PART)) + ALLOC_HEAD;
+    int parts = pbs_parts_most(candidates, PBS_TREE_PART);
+    return need(channels, candidates, surfels, parts) + ALLOC_HEAD;
 }
 
 static pbs_code reserve(pbs_averager *a, size_t size, pbs_err *err) {
@@ -136,15 +138,16 @@ pbs_code pbs_average(pbs_averager *a, pbs_sampler *sampler, const pbs_points *in
     out->count = 0;
     if (!octaves) return PBS_OK;
     int parts = pbs_parts(a->run, in->count, PBS_TREE_PART);
-    pbs_code rc = reserve(a, need(in, surfels, parts), err);
+    uint32_t channels = pbs_points_channels(in);
+    pbs_code rc = reserve(a, need(channels, in->count, surfels, parts), err);
     if (rc) return rc;
     job j;
     pbs_layout l = {a->block, 0};
-    lay_out(&j, in, surfels, parts, &l);
+    lay_out(&j, channels, in->count, surfels, parts, &l);
     j.cover.tree = pbs_sampler_tree(sampler);
     j.cover.kind = PBS_COVER_METRIC;
     pbs_cover_find(j.cover.tree, order, finest, j.scratch, in->count, j.surfels);
-    rc = pbs_owned_fill(a->run, &j.owned, j.cover.tree, err);
+    rc = pbs_owned_fill(a->run, &j.owned, in, j.cover.tree, err);
     if (!rc) rc = pbs_cover_begin(a->run, &j.cover, err);
     size_t before = 0;
     for (int k = octaves; k > 0 && !rc; k--) {

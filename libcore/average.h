@@ -48,7 +48,7 @@ pbs_code pbs_averager_new(pbs_run *run, pbs_averager **out, pbs_err *err);
 void pbs_averager_free(pbs_averager *a); /* NULL is fine */
 
 /* Bytes that pbs_average needs beside the caller's arrays, for pbs_mem_plan. */
-size_t pbs_average_need(const pbs_points *in, size_t surfels);
+size_t pbs_average_need(uint32_t channels, size_t candidates, size_t surfels);
 
 /* The octaves of the order that the sampler has just made of `in`: nothing may have been sampled
  * in between. order, spacing and surfels (result->count) as pbs_sample gave them. out has arrays

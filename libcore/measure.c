@@ -211,45 +211,44 @@ static void compare_colours(const prefix *p, const pbs_owned *o, const uint8_t *
     out->colour_averaged = sqrt(mean / (double)n);
 }
 
-static void colours_layout(pbs_owned *o, const pbs_points *only, size_t surfels, int parts,
+static void colours_layout(pbs_owned *o, size_t candidates, size_t surfels, int parts,
                            pbs_layout *l) {
-    pbs_owned_init(o, only);
-    pbs_owned_layout(o, slots_of(only->count), surfels, parts, l);
+    pbs_owned_init(o, PBS_COLOUR);
+    pbs_owned_layout(o, slots_of(candidates), surfels, parts, l);
 }
 
 /* The owners are those of the covering in D. */
 static pbs_code measure_colours(const prefix *p, const uint8_t *averaged, pbs_measures *out,
                                 pbs_err *err) {
     pbs_run *run = p->m->run;
-    pbs_points only = {.count = p->m->in->count, .colour = p->m->in->colour};
+    const pbs_points *in = p->m->in;
     pbs_owned o;
     pbs_layout l = {NULL, 0};
     void *block;
-    if (!only.colour) return PBS_OK;
+    if (!in->colour) return PBS_OK;
     int parts = pbs_parts(run, p->m->tree.points, PBS_TREE_PART);
-    colours_layout(&o, &only, p->count, parts, &l);
+    colours_layout(&o, in->count, p->count, parts, &l);
     pbs_code rc = pbs_alloc(run, &block, l.used, 1, "measuring", err);
     if (rc) return rc;
     l = (pbs_layout){block, 0};
-    colours_layout(&o, &only, p->count, parts, &l);
-    rc = pbs_owned_fill(run, &o, &p->m->tree, err);
+    colours_layout(&o, in->count, p->count, parts, &l);
+    rc = pbs_owned_fill(run, &o, in, &p->m->tree, err);
     if (!rc) rc = pbs_owned_sum(run, &o, &p->cover, p->count, err);
     if (!rc) compare_colours(p, &o, averaged, out);
     pbs_free(run, block);
     return rc;
 }
 
-size_t pbs_measurer_need(const pbs_points *in, size_t surfels) {
+size_t pbs_measurer_need(uint32_t channels, size_t candidates, size_t surfels) {
     pbs_measurer m;
     nearest n;
     pbs_owned o;
     pbs_layout all = {NULL, 0}, spacing = {NULL, 0}, colours = {NULL, 0};
-    pbs_points only = {.count = in->count, .colour = in->colour};
-    lay_out(&m, in->count, &all);
+    lay_out(&m, candidates, &all);
     pbs_layout_take(&all, surfels * sizeof(pbs_cover_surfel));
     nearest_layout(&n, surfels, &spacing);
-    int parts = pbs_parts_most(in->count, PBS_TREE_PART);
-    if (in->colour) colours_layout(&o, &only, surfels, parts, &colours);
+    int parts = pbs_parts_most(candidates, PBS_TREE_PART);
+    if (channels & PBS_COLOUR) colours_layout(&o, candidates, surfels, parts, &colours);
     return all.used + (spacing.used > colours.used ? spacing.used : colours.used) + 3 * ALLOC_HEAD;
 }
 

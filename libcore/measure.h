@@ -31,7 +31,7 @@ pbs_code pbs_measurer_new(pbs_run *run, const pbs_points *in, float normal_weigh
                           pbs_measurer **out, pbs_err *err);
 void pbs_measurer_free(pbs_measurer *m); /* NULL is fine */
 /* Bytes that a measurer takes in all, prefixes of up to `surfels` included, for pbs_mem_plan. */
-size_t pbs_measurer_need(const pbs_points *in, size_t surfels);
+size_t pbs_measurer_need(uint32_t channels, size_t candidates, size_t surfels);
 
 /* order: valid candidates, each once. radius: R of the holes; 0: the prefix's own covering radius.
  * averaged: colours to judge, 4 bytes a surfel, or NULL. Errors: PBS_LIMIT, PBS_CANCEL. */

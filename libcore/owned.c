@@ -2,13 +2,13 @@
 #include "libcore/pipe.h"
 #include "libcore/srgb.h"
 
-void pbs_owned_init(pbs_owned *o, const pbs_points *in) {
+void pbs_owned_init(pbs_owned *o, uint32_t channels) {
     int lane = 1;
-    *o = (pbs_owned){.in = in, .colour = -1, .normal = -1, .material = -1, .emissive = -1};
-    if (in->colour) o->colour = lane, lane += 4;
-    if (in->normal) o->normal = lane, lane += 3;
-    if (in->material) o->material = lane, lane += 2;
-    if (in->emissive) o->emissive = lane, lane += 3;
+    *o = (pbs_owned){.colour = -1, .normal = -1, .material = -1, .emissive = -1};
+    if (channels & PBS_COLOUR) o->colour = lane, lane += 4;
+    if (channels & PBS_NORMAL) o->normal = lane, lane += 3;
+    if (channels & PBS_MATERIAL) o->material = lane, lane += 2;
+    if (channels & PBS_EMISSIVE) o->emissive = lane, lane += 3;
     o->lanes = lane <= PBS_OWNED_FEW ? PBS_OWNED_FEW : PBS_OWNED_MOST;
 }
 
@@ -57,11 +57,12 @@ static void fill_row(const filler *f, size_t slot, uint16_t *row) {
 }
 
 static void ask_for(const filler *f, size_t slot) {
-    size_t i = f->t->id[slot];
-    if (f->o->in->colour) __builtin_prefetch(f->o->in->colour + 4 * i);
-    if (f->o->in->normal && !f->t->normal) __builtin_prefetch(f->o->in->normal + 2 * i);
-    if (f->o->in->material) __builtin_prefetch(f->o->in->material + 4 * i);
-    if (f->o->in->emissive) __builtin_prefetch(f->o->in->emissive + 4 * i);
+    const pbs_owned *o = f->o;
+    size_t i = 4 * (size_t)f->t->id[slot];
+    if (o->colour >= 0) __builtin_prefetch(o->in->colour + i);
+    if (o->normal >= 0 && !f->t->normal) __builtin_prefetch(o->in->normal + i / 2);
+    if (o->material >= 0) __builtin_prefetch(o->in->material + i);
+    if (o->emissive >= 0) __builtin_prefetch(o->in->emissive + i);
 }
 
 static pbs_code fill_part(void *ctx, size_t i, int thread, pbs_err *err) {
@@ -77,7 +78,9 @@ static pbs_code fill_part(void *ctx, size_t i, int thread, pbs_err *err) {
     return PBS_OK;
 }
 
-pbs_code pbs_owned_fill(pbs_run *run, pbs_owned *o, const pbs_tree *t, pbs_err *err) {
+pbs_code pbs_owned_fill(pbs_run *run, pbs_owned *o, const pbs_points *in, const pbs_tree *t,
+                        pbs_err *err) {
+    o->in = in;
     filler f = {.o = o, .t = t, .parts = pbs_parts(run, t->points, PBS_TREE_PART)};
     const pbs_srgb_table *srgb = pbs_srgb();
     for (int v = 0; v < 256; v++) f.linear[v] = (uint16_t)(srgb->linear[v] * 65535 + 0.5f);

@@ -18,11 +18,13 @@ typedef struct pbs_owned {
     uint64_t *sum;                          /* of each surfel, and of each part after that */
 } pbs_owned;
 
-/* What a row holds; says nothing yet about where the arrays are. */
-void pbs_owned_init(pbs_owned *o, const pbs_points *in);
+/* What a row holds, of those channels; says nothing yet about where the arrays are. */
+void pbs_owned_init(pbs_owned *o, uint32_t channels);
 /* Adds what they take. surfels: the most that will be summed for; parts as of pbs_parts_most. */
 void pbs_owned_layout(pbs_owned *o, size_t slots, size_t surfels, int parts, pbs_layout *layout);
-pbs_code pbs_owned_fill(pbs_run *run, pbs_owned *o, const pbs_tree *t, pbs_err *err);
+/* in: the candidates of the tree, borrowed. */
+pbs_code pbs_owned_fill(pbs_run *run, pbs_owned *o, const pbs_points *in, const pbs_tree *t,
+                        pbs_err *err);
 /* Sums for surfels 0 .. count - 1. */
 pbs_code pbs_owned_sum(pbs_run *run, pbs_owned *o, const pbs_cover *c, size_t count, pbs_err *err);
 

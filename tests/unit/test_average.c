@@ -29,7 +29,8 @@ static size_t average(const pbs_sample_params *p, int threads, entries *e) {
     CHECK(!pbs_sampler_new(&run, &s, NULL) && !pbs_averager_new(&run, &v, NULL));
     size_t n = sample_with(s, &c, p), before = pbs_mem_used(&run);
     CHECK(!pbs_average(v, s, &c.points, order, spacing, n, &e->p, NULL));
-    CHECK(pbs_mem_used(&run) - before <= pbs_average_need(&c.points, n));
+    CHECK(pbs_mem_used(&run) - before <=
+          pbs_average_need(pbs_points_channels(&c.points), c.points.count, n));
     CHECK_NUM(e->p.count == pbs_octave_begin(n, 0), e->p.count);
     pbs_averager_free(v);
     pbs_sampler_free(s);
