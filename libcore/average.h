@@ -25,7 +25,7 @@ static inline size_t pbs_octave_length(size_t surfels, int octave) {
 /* How many octaves there are beside the whole. */
 static inline int pbs_octaves(size_t surfels) {
     int k = 0;
-    while (surfels > PBS_OCTAVE_LEAST && pbs_octave_length(surfels, 1) >= PBS_OCTAVE_LEAST)
+    while (pbs_octave_length(surfels, 1) >= PBS_OCTAVE_LEAST)
         surfels = pbs_octave_length(surfels, 1), k++;
     return k;
 }
