@@ -1,4 +1,5 @@
 /* pbs-sample: candidates to ordered surfels (paper 1, sections 3.2 and 3.4), node by node. */
+#include "cmd/quality.h"
 #include "cmd/tool.h"
 #include "formats/below.h"
 #include "formats/exr.h"
@@ -14,6 +15,8 @@ typedef struct options {
     uint64_t count, seed, subset;
     int method;
     double normal_weight;
+    bool no_octaves;
+    const char *measure;
 } options;
 
 static const char *const methods[] = {"greedy", "paper", "random", NULL}; /* as pbs_method */
@@ -29,6 +32,10 @@ static const pbs_option table[] = {
      "candidates a round of the paper's method looks at (default 200)", 1, 1e6, NULL, true},
     {0, "seed", PBS_COUNT, offsetof(options, seed), "N", "another first surfel (default 0)", 0,
      9e15, NULL, true},
+    {0, "no-octaves", PBS_FLAG, offsetof(options, no_octaves), NULL,
+     "write no averaged colours and normals for early prefixes", 0, 0, NULL, true},
+    {0, "measure", PBS_TEXT, offsetof(options, measure), "FILE",
+     "write measures of prefixes of every node as tab-separated values", 0, 0, NULL, false},
 };
 
 static const pbs_tool tool = {"pbs-sample",
@@ -45,6 +52,7 @@ typedef struct job {
     const options *o;
     pbs_writer *w;
     pbs_sampler *sampler;
+    pbs_quality quality;
     pbs_record in, out;
     pbs_points candidates; /* of the node that is being read */
     size_t cap;
@@ -112,6 +120,9 @@ static pbs_code emit(job *j, pbs_node *node, const uint32_t *order, const float 
     node->covering = r->covering;
     node->median = even.median;
     node->median_count = even.count;
+    if (!rc)
+        rc = pbs_quality_node(&j->quality, j->w, node, j->sampler, &j->candidates, order, spacing,
+                              r->count, err);
     return rc ? rc : pbs_node_write(run, j->w, node, err);
 }
 
@@ -141,7 +152,9 @@ static pbs_code sample_node(job *j, pbs_node *node, pbs_err *err) {
     int threads = run->threads;
     if (j->candidates.count < 100000) run->threads = 1;
     pbs_code rc =
-        pbs_mem_plan(run, pbs_sample_need(j->candidates.count, &p) + n * (8 + j->out.stride),
+        pbs_mem_plan(run,
+                     pbs_sample_need(j->candidates.count, &p) + n * (8 + j->out.stride) +
+                         pbs_quality_need(&j->quality, j->in.channels, j->candidates.count, n),
                      "the sampler", err);
     if (!rc) rc = pbs_alloc(run, &order, n, sizeof *order, "the order", err);
     if (!rc) rc = pbs_alloc(run, &spacing, n, sizeof *spacing, "the spacing", err);
@@ -247,7 +260,9 @@ static pbs_code make_room(job *j, pbs_reader *r, pbs_err *err) {
     size_t buffers = (size_t)2 << 20;
     rc = pbs_mem_plan(&j->app->run,
                       (size_t)most * j->in.stride + pbs_sample_need((size_t)most, &p) +
-                          wanted * (8 + j->out.stride) + buffers,
+                          wanted * (8 + j->out.stride) +
+                          pbs_quality_need(&j->quality, j->in.channels, (size_t)most, wanted) +
+                          buffers,
                       pbs_reader_name(r), err);
     return rc ? rc
               : pbs_points_grow(&j->app->run, j->in.channels, &j->candidates, &j->cap, (size_t)most,
@@ -329,20 +344,29 @@ static void add_stats(job *j) {
                  (unsigned long long)j->invalid);
 }
 
+static pbs_code sample_all(job *j, pbs_err *err) {
+    pbs_app *app = j->app;
+    if (is_exr(pbs_operand(app, 0))) return sample_exr(j, err);
+    if (app->common.operand_count > 1)
+        return pbs_fail(err, PBS_USAGE, "%s: one file of candidates, or any number of EXR files",
+                        pbs_operand(app, 1));
+    return sample_stream(j, err);
+}
+
 static pbs_code work(pbs_app *app, void *opt, pbs_err *err) {
     job j = {.app = app, .o = opt, .min_spacing = NAN};
+    j.quality = (pbs_quality){.run = &app->run,
+                              .octaves = !j.o->no_octaves,
+                              .measure = j.o->measure,
+                              .normal_weight = (float)j.o->normal_weight};
     pbs_code rc = pbs_sampler_new(&app->run, &j.sampler, err);
-    if (rc) return rc;
-    if (is_exr(pbs_operand(app, 0)))
-        rc = sample_exr(&j, err);
-    else if (app->common.operand_count > 1)
-        rc = pbs_fail(err, PBS_USAGE, "%s: one file of candidates, or any number of EXR files",
-                      pbs_operand(app, 1));
-    else
-        rc = sample_stream(&j, err);
+    if (!rc) rc = pbs_quality_open(&j.quality, err);
+    if (!rc) rc = sample_all(&j, err);
     if (!rc) rc = pbs_writer_commit(j.w, err);
+    if (!rc) rc = pbs_quality_commit(&j.quality, err);
     if (!rc) add_stats(&j);
     pbs_writer_close(j.w);
+    pbs_quality_close(&j.quality);
     pbs_points_free(&app->run, &j.candidates);
     pbs_sampler_free(j.sampler);
     for (size_t i = 0; i < j.node_count; i++) pbs_node_free(&app->run, &j.nodes[i]);

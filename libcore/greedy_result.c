@@ -44,7 +44,7 @@ typedef struct harvest {
     int parts;
     share part[PBS_PARTS];
     /* the sort, and what comes of it */
-    uint64_t *from, *to;
+    uint64_t *from, *to, *spare;
     size_t n;
     uint32_t *digits;
     int shift, bits;
@@ -121,7 +121,7 @@ static bool add_up(harvest *h) {
 /* Radix sort of the first n places; the result is in h->from. */
 static pbs_code sort_places(pbs_run *run, harvest *h, size_t n, pbs_err *err) {
     h->from = h->place;
-    h->to = (uint64_t *)h->t->leaf; /* the leaves are not needed any more */
+    h->to = h->spare;
     h->n = n;
     h->bits = n < FEW ? SMALL_DIGIT : DIGIT;
     h->parts = pbs_parts(run, n, SORT_PART);
@@ -283,6 +283,7 @@ static void layout(harvest *h, size_t candidates, pbs_layout *scratch) {
     size_t digits = (size_t)pbs_parts_most(h->wanted, SORT_PART) << bits;
     h->room = room_for(candidates, h->wanted);
     h->place = pbs_layout_take(scratch, h->room * sizeof *h->place);
+    h->spare = pbs_layout_take(scratch, h->wanted * sizeof *h->spare);
     h->digits = pbs_layout_take(scratch, digits * sizeof *h->digits);
 }
 

@@ -98,6 +98,8 @@ static pbs_code add_surfels(cut *c, uint32_t id, const double m[12], pbs_err *er
     *d = (pbs_surfels){.records = a->records[id],
                        .stride = a->record.stride,
                        .channels = a->record.channels,
+                       .whole = (uint32_t)n->records,
+                       .octaves = a->octaves[id],
                        .step = n->lattice};
     for (int k = 0; k < 3; k++) d->corner[k] = n->origin[k] + n->lattice_min[k];
     memcpy(d->m, m, sizeof d->m);
