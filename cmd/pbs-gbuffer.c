@@ -161,7 +161,8 @@ static pbs_code work(pbs_app *app, void *opt, pbs_err *err) {
     pbs_scene s;
     pbs_flat flat = {0};
     pbs_image *images = NULL;
-    pbs_scene_options so = {j.o->ignore_missing};
+    pbs_scene_options so = PBS_SCENE_DEFAULTS;
+    so.ignore_missing = j.o->ignore_missing;
     app->run.mem_floor = least_memory(opt, &app->run);
     pbs_code rc = pbs_scene_open(&app->run, pbs_operand(app, 0), &so, &s, err);
     if (rc) return rc;

@@ -21,9 +21,13 @@ typedef struct pbs_scene_writer pbs_scene_writer;
 
 typedef struct pbs_scene_options {
     bool ignore_missing; /* textures that are not there are counted, not an error */
+    uint64_t split;      /* parts with more triangles become assemblies of parts; 0: never */
+    uint64_t group;      /* assemblies with more children get inner ones; 0: never */
 } pbs_scene_options;
+#define PBS_SCENE_DEFAULTS ((pbs_scene_options){false, 400000, 32})
 
-/* The writer stays the caller's. Meshes are cut, vertices welded by equality of their bits. */
+/* The writer stays the caller's. options NULL: PBS_SCENE_DEFAULTS. Meshes are cut, vertices welded
+ * by equality of their bits. */
 pbs_code pbs_scene_writer_new(pbs_run *run, pbs_writer *w, const pbs_scene_options *options,
                               pbs_scene_writer **out, pbs_err *err);
 const pbs_sink *pbs_scene_sink(pbs_scene_writer *s);

@@ -187,7 +187,7 @@ pbs_code pbs_scene_writer_new(pbs_run *run, pbs_writer *w, const pbs_scene_optio
     s->run = run;
     s->w = w;
     s->root = PBS_NONE;
-    if (options) s->options = *options;
+    s->options = options ? *options : PBS_SCENE_DEFAULTS;
     s->sink = (pbs_sink){s,        run,      put_texture, miss_texture, put_material, part_begin,
                          triangle, part_end, assembly,    root,         skip};
     pbs_code rc = pbs_builder_new(run, w, &s->builder, err);
