@@ -40,6 +40,10 @@ static pbs_code import(pbs_app *app, pbs_input *in, pbs_writer *w, const options
         pbs_stat_count(app, "nodes", t.nodes);
         pbs_stat_count(app, "triangles", t.triangles);
         pbs_stat_count(app, "triangles_stored", t.stored);
+        pbs_stat_count(app, "parts_unified", t.parts_unified);
+        pbs_stat_count(app, "assemblies_unified", t.assemblies_unified);
+        pbs_stat_count(app, "parts_split", t.parts_split);
+        pbs_stat_count(app, "groups", t.groups);
         pbs_stat_count(app, "bytes", pbs_writer_bytes(w));
         pbs_note_skips(app, in->name, t.skipped);
     }

@@ -6,7 +6,8 @@
  *     MESH  a piece of a part                NODE  a part (after its meshes) or an assembly
  *     CNTS  what could not become triangles, once, before the end
  *
- * The last NODE is the root.
+ * The last NODE is the root. Parts that are equal, and assemblies of equal children, are one node;
+ * where they have different names, the placings carry them.
  */
 #ifndef PBS_SCENE_H
 #define PBS_SCENE_H
@@ -34,7 +35,9 @@ const pbs_sink *pbs_scene_sink(pbs_scene_writer *s);
 /* After the reader is done: PBS_DATA "no triangles" if there are none. */
 pbs_code pbs_scene_writer_end(pbs_scene_writer *s, pbs_err *err);
 typedef struct pbs_scene_totals {
-    uint64_t nodes, triangles, stored; /* with all instances; each part once */
+    uint64_t nodes, triangles, stored;          /* with all instances; each part once */
+    uint64_t parts_unified, assemblies_unified; /* that equal an earlier one */
+    uint64_t parts_split, groups;               /* made by the options split and group */
     uint64_t skipped[PBS_SKIP_KINDS];
 } pbs_scene_totals;
 pbs_scene_totals pbs_scene_writer_totals(const pbs_scene_writer *s); /* after the end */
