@@ -1,7 +1,6 @@
-/* PLY. Vertices of a fixed size in a binary file are never copied: a face reads them from the
- * mapped bytes. Others (ascii, or with lists inside) are packed first, into records of the same
- * kind, so there is one way to fetch a corner; if they are many, in a temporary file. Faces are
- * handed over as they are read.
+/* PLY. Vertices of a fixed size in a binary file are read where they are. Others (ascii, or with
+ * lists inside) are packed first into such records, in a temporary file if they are many, so there
+ * is one way to fetch a corner. Faces are handed over as they are read.
  *
  * Colours are sRGB: integers count to 255 (ushort to 65535), floats to 1, or to 255 if any is above
  * 2. Texture coordinates have v upwards. Triangle strips with -1 as a restart are understood, and
@@ -84,9 +83,7 @@ static inline double load(const char *p, pbs_ply_type t, bool swap) {
     }
 }
 
-static bool is_big_endian(void) {
-    return __BYTE_ORDER__ == __ORDER_BIG_ENDIAN__;
-}
+static const bool is_big_endian = __BYTE_ORDER__ == __ORDER_BIG_ENDIAN__;
 
 static size_t left(const ply *y) {
     return (size_t)(y->end - y->p);
@@ -111,7 +108,7 @@ static inline pbs_code next(ply *y, pbs_ply_type t, double *v, pbs_err *err) {
         return PBS_OK;
     }
     if (left(y) < pbs_ply_size(t)) return too_short(y, err);
-    *v = load(y->p, t, y->header.big_endian != is_big_endian());
+    *v = load(y->p, t, y->header.big_endian != is_big_endian);
     y->p += pbs_ply_size(t);
     return PBS_OK;
 }
@@ -308,7 +305,7 @@ static pbs_code read_vertices(ply *y, const pbs_ply_element *e, pbs_err *err) {
     if (e->fixed && !y->header.ascii) {
         y->record = y->p;
         y->stride = e->least;
-        y->swap = y->header.big_endian != is_big_endian();
+        y->swap = y->header.big_endian != is_big_endian;
         y->p += e->count * e->least;
     } else if ((rc = pack(y, e, err))) {
         return rc;
