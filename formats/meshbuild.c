@@ -112,19 +112,20 @@ static pbs_code emit(pbs_builder *b, pbs_err *err) {
 
 /* ---- taking ---- */
 
+/* Read in the widths in which it was just written: wider ones would wait for that. */
 static uint32_t hash(const vertex *v) {
-    uint64_t h = 0x9e3779b97f4a7c15u, w[4] = {0};
-    memcpy(w, v, sizeof *v);
-    for (int i = 0; i < 4; i++) {
-        h = (h ^ w[i]) * 0xd6e8feb86659fd93u;
+    uint32_t w[8] = {0};
+    uint64_t h = 0x9e3779b97f4a7c15u;
+    for (int i = 0; i < 7; i++) memcpy(&w[i], (const char *)v + 4 * i, 4);
+    for (int i = 0; i < 8; i += 2) {
+        h = (h ^ ((uint64_t)w[i + 1] << 32 | w[i])) * 0xd6e8feb86659fd93u;
         h ^= h >> 32;
     }
     return (uint32_t)h;
 }
 
-/* The number of the vertex, which is new if no equal one is there. */
-static uint16_t weld(pbs_builder *b, const vertex *v) {
-    uint32_t s = hash(v) & (SLOTS - 1);
+/* The number of the vertex, which is new if no equal one is there. s: where to look first. */
+static uint16_t weld(pbs_builder *b, const vertex *v, uint32_t s) {
     while (b->slot[s] >> 16 == b->generation) {
         uint16_t i = (uint16_t)b->slot[s];
         if (!memcmp(&b->vertex[i], v, sizeof *v)) return i;
@@ -257,13 +258,19 @@ static pbs_code make_room(pbs_builder *b, pbs_err *err) {
     return rc ? rc : emit(b, err);
 }
 
+/* The three places of the table are asked for before they are needed. */
 static void take(pbs_builder *b, const vertex v[3], uint32_t material) {
+    uint32_t s[3];
+    for (int i = 0; i < 3; i++) {
+        s[i] = hash(&v[i]) & (SLOTS - 1);
+        __builtin_prefetch(&b->slot[s[i]]);
+    }
     for (int i = 0; i < 3; i++) {
         double p[3];
         for (int k = 0; k < 3; k++) p[k] = b->origin[k] + v[i].position[k];
         pbs_box_add(&b->box, p);
-        b->index[3 * b->triangles + i] = weld(b, &v[i]);
     }
+    for (int i = 0; i < 3; i++) b->index[3 * b->triangles + i] = weld(b, &v[i], s[i]);
     b->material[b->triangles] = material;
     b->mixed = b->mixed || material != b->material[0];
     b->triangles++;
