@@ -9,7 +9,8 @@
 
 /* ---- pages ---- */
 
-#define TRIM_MAX ((size_t)128 << 20)
+/* The program itself and its libraries are mapped files, too. */
+#define PROGRAM ((size_t)16 << 20)
 
 /* Bytes of mapped files in memory; 0 if the system does not say. */
 static size_t held(const pbs_trim *t) {
@@ -25,9 +26,7 @@ static size_t held(const pbs_trim *t) {
 void pbs_trim_open(const pbs_run *run, pbs_trim *t) {
     memset(t, 0, sizeof *t);
     t->statm = open("/proc/self/statm", O_RDONLY | O_CLOEXEC);
-    t->limit = run->mem_limit / 8;
-    if (!t->limit || t->limit > TRIM_MAX) t->limit = TRIM_MAX;
-    t->limit += held(t);
+    t->limit = pbs_mem_left(run) / 2 + PROGRAM;
 }
 
 void pbs_trim_add(pbs_trim *t, const void *bytes, size_t size) {

@@ -23,7 +23,7 @@ typedef struct pbs_trim {
     } range[PBS_TRIM_RANGES];
 } pbs_trim;
 
-/* The limit is an eighth of run's, at most 128 MiB, on top of what is held now. */
+/* The limit is half of what run's leaves. */
 void pbs_trim_open(const pbs_run *run, pbs_trim *t);
 /* bytes must be a map of a file, never other memory, which would be lost; NULL is left out, and so
  * is what has no place in the table. */
