@@ -261,7 +261,8 @@ static size_t least_memory(const job *j) {
 
 static pbs_code work(pbs_app *app, void *opt, pbs_err *err) {
     job j = {.app = app, .o = opt};
-    pbs_scene_options so = {j.o->ignore_missing};
+    pbs_scene_options so = PBS_SCENE_DEFAULTS;
+    so.ignore_missing = j.o->ignore_missing;
     app->run.mem_floor = least_memory(&j);
     pbs_code rc = pbs_scene_open(&app->run, pbs_operand(app, 0), &so, &j.scene, err);
     if (rc) return rc;

@@ -4,7 +4,8 @@
 #include <string.h>
 
 static pbs_code open_scene(pbs_show *s, const char *path, pbs_err *err) {
-    pbs_scene_options so = {s->options->ignore_missing};
+    pbs_scene_options so = PBS_SCENE_DEFAULTS;
+    so.ignore_missing = s->options->ignore_missing;
     pbs_code rc = pbs_scene_open(s->run, path, &so, &s->scene, err);
     if (rc) return rc;
     rc = pbs_scene_flatten(&s->scene, &s->flat, err);
