@@ -43,13 +43,13 @@ benches := $(patsubst tests/bench/%.c,$(B)/tests/%,$(wildcard tests/bench/bench_
 # A module is built if its libraries are here; otherwise the build says so and goes on.
 have = $(shell printf '$(foreach h,$(1),\043include <$(h)>\n)' | $(CXX) $(2) -E -xc++ - >/dev/null 2>&1 && echo yes)
 flags_gltf  :=
-libs_gltf   := -ldraco
+libs_gltf   := -ldraco -lsimdjson -lmeshoptimizer
 flags_image := -isystem /usr/include/Imath
 libs_image  := -lOpenImageIO -lOpenImageIO_Util -lz
 flags_exr   := -I/usr/include/OpenEXR -I/usr/include/Imath
 libs_exr    := -lOpenEXRCore
 modules :=
-ifeq ($(call have,tiny_gltf.h draco/compression/decode.h nlohmann/json.hpp,$(flags_gltf)),yes)
+ifeq ($(call have,tiny_gltf.h draco/compression/decode.h nlohmann/json.hpp simdjson.h meshoptimizer.h,$(flags_gltf)),yes)
 modules += gltf
 endif
 ifeq ($(call have,OpenImageIO/imageio.h zlib.h,$(flags_image)),yes)
