@@ -109,6 +109,10 @@ $(B)/lib/pbs/$(1).so: $(patsubst %,$(B)/obj/%.o,$(basename $(wildcard formats/fo
 endef
 $(foreach m,$(modules),$(eval $(call module_rule,$(m))))
 
+# Its test packs with the library what the module unpacks.
+ifeq ($(call have,meshoptimizer.h,),yes)
+$(B)/tests/test_gltf_meshopt: LDLIBS += -lmeshoptimizer
+endif
 # The player's tests have its parts, but not its main.
 $(B)/tests/test_view $(B)/tests/test_draw: $(B)/tests/%: $(B)/obj/tests/unit/%.o \
     $(filter-out %/main.o,$(view)) $(B)/libformats.a $(B)/libcore.a
