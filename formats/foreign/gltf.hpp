@@ -140,6 +140,8 @@ class reader {
 
     /* gltf_mesh.cpp */
     uint32_t part(int mesh);
+    struct survey;
+    void look_at(const primitive_entry &e, uint32_t place, survey &s);
     primitive open_primitive(const primitive_entry &p);
     const attribute_entry *find_attribute(const primitive_entry &p, int semantic) const;
     stream attribute(const primitive_entry &p, int semantic, int components, uint64_t vertices);

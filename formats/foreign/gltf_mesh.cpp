@@ -170,9 +170,36 @@ void reader::emit(const primitive &p) {
     }
 }
 
-/* Decoded primitives of a mesh that are kept from the look at their bounds to the writing; the
- * others are decoded twice, so that a mesh never lies decoded in memory as a whole. */
+/* What a first look over a mesh finds out. Decoded primitives are kept from it to the writing up to
+ * so many bytes, or a sixteenth of what is left; the others are decoded twice, so that a mesh never
+ * lies decoded in memory as a whole. */
 static const uint64_t keep_decoded = 32 << 20;
+
+struct reader::survey {
+    survey(pbs_run *run, pbs_err *err) : drawn(run, "the primitives", err) {}
+    pbs_box box = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
+    uint32_t corners = 0; /* attributes */
+    list<uint8_t> drawn;  /* 1: has triangles */
+    std::vector<std::pair<uint32_t, primitive>> kept;
+    uint64_t kept_bytes = 0;
+};
+
+void reader::look_at(const primitive_entry &e, uint32_t place, survey &s) {
+    if (skip_mode(e)) return;
+    primitive p = open_primitive(e);
+    bound(p, s.box);
+    s.drawn[place] = 1;
+    if (p.torn) sink_->skip(sink_->ctx, PBS_SKIP_POLYGON, 1);
+    s.corners |= (p.normal ? (uint32_t)PBS_CORNER_NORMAL : 0) |
+                 (p.uv ? (uint32_t)PBS_CORNER_UV : 0) |
+                 (p.colour ? (uint32_t)PBS_CORNER_COLOUR : 0);
+    /* What lies in a decoded view may be gone later. */
+    if (!p.owned_bytes || !doc_.meshopt.empty() || s.kept_bytes + p.owned_bytes > keep_decoded ||
+        p.owned_bytes > pbs_mem_left(run_) / 16)
+        return;
+    s.kept_bytes += p.owned_bytes;
+    s.kept.emplace_back(place, std::move(p));
+}
 
 uint32_t reader::part(int i) {
     if (i < 0 || (size_t)i >= doc_.meshes.size())
@@ -181,11 +208,6 @@ uint32_t reader::part(int i) {
     if (id != not_yet) return id;
     const mesh_entry m = doc_.meshes[(size_t)i];
     const char *name = doc_.name(m.name);
-    std::vector<std::pair<uint32_t, primitive>> kept;
-    uint64_t kept_bytes = 0;
-    pbs_box box = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
-    uint32_t corners = 0;
-    /* f(entry, place) for each that has triangles. */
     auto each = [&](auto f) {
         in_place(err_, "mesh", (size_t)i, name, [&] {
             for (uint32_t k = 0; k < m.count; k++)
@@ -193,33 +215,18 @@ uint32_t reader::part(int i) {
                          [&] { f(doc_.primitives[m.first + k], k); });
         });
     };
-    list<uint8_t> drawn(run_, "the primitives", err_);
-    drawn.assign(m.count, 0);
-    each([&](const primitive_entry &e, uint32_t k) {
-        if (skip_mode(e)) return;
-        primitive p = open_primitive(e);
-        bound(p, box);
-        drawn[k] = 1;
-        if (p.torn) sink_->skip(sink_->ctx, PBS_SKIP_POLYGON, 1);
-        corners |= (p.normal ? (uint32_t)PBS_CORNER_NORMAL : 0) |
-                   (p.uv ? (uint32_t)PBS_CORNER_UV : 0) |
-                   (p.colour ? (uint32_t)PBS_CORNER_COLOUR : 0);
-        /* What lies in a decoded view may be gone later. */
-        if (!p.owned_bytes || kept_bytes + p.owned_bytes > keep_decoded || !doc_.meshopt.empty())
-            return;
-        kept_bytes += p.owned_bytes;
-        kept.emplace_back(k, std::move(p));
-    });
+    survey s(run_, err_);
+    s.drawn.assign(m.count, 0);
+    each([&](const primitive_entry &e, uint32_t k) { look_at(e, k, s); });
     double origin[3] = {0, 0, 0};
-    for (int k = 0; k < 3 && !pbs_box_is_empty(&box); k++)
-        origin[k] = box.min[k] / 2 + box.max[k] / 2;
-    check(sink_->part_begin(sink_->ctx, name, origin, corners, err_));
+    for (int k = 0; k < 3 && !pbs_box_is_empty(&s.box); k++)
+        origin[k] = s.box.min[k] / 2 + s.box.max[k] / 2;
+    check(sink_->part_begin(sink_->ctx, name, origin, s.corners, err_));
     size_t next = 0;
     each([&](const primitive_entry &e, uint32_t k) {
-        if (!drawn[k]) return;
-        if (next < kept.size() && kept[next].first == k)
-            emit(kept[next++].second);
-        else
+        if (next < s.kept.size() && s.kept[next].first == k)
+            emit(s.kept[next++].second);
+        else if (s.drawn[k])
             emit(open_primitive(e));
     });
     check(sink_->part_end(sink_->ctx, &id, err_));
