@@ -43,13 +43,13 @@ benches := $(patsubst tests/bench/%.c,$(B)/tests/%,$(wildcard tests/bench/bench_
 # A module is built if its libraries are here; otherwise the build says so and goes on.
 have = $(shell printf '$(foreach h,$(1),\043include <$(h)>\n)' | $(CXX) $(2) -E -xc++ - >/dev/null 2>&1 && echo yes)
 flags_gltf  :=
-libs_gltf   := -ldraco
+libs_gltf   := -ldraco -lsimdjson -lmeshoptimizer
 flags_image := -isystem /usr/include/Imath
 libs_image  := -lOpenImageIO -lOpenImageIO_Util -lz
 flags_exr   := -I/usr/include/OpenEXR -I/usr/include/Imath
 libs_exr    := -lOpenEXRCore
 modules :=
-ifeq ($(call have,tiny_gltf.h draco/compression/decode.h nlohmann/json.hpp,$(flags_gltf)),yes)
+ifeq ($(call have,tiny_gltf.h draco/compression/decode.h nlohmann/json.hpp simdjson.h meshoptimizer.h,$(flags_gltf)),yes)
 modules += gltf
 endif
 ifeq ($(call have,OpenImageIO/imageio.h zlib.h,$(flags_image)),yes)
@@ -109,6 +109,10 @@ $(B)/lib/pbs/$(1).so: $(patsubst %,$(B)/obj/%.o,$(basename $(wildcard formats/fo
 endef
 $(foreach m,$(modules),$(eval $(call module_rule,$(m))))
 
+# Its test packs with the library what the module unpacks.
+ifeq ($(call have,meshoptimizer.h,),yes)
+$(B)/tests/test_gltf_meshopt: LDLIBS += -lmeshoptimizer
+endif
 # The player's tests have its parts, but not its main.
 $(B)/tests/test_view $(B)/tests/test_draw: $(B)/tests/%: $(B)/obj/tests/unit/%.o \
     $(filter-out %/main.o,$(view)) $(B)/libformats.a $(B)/libcore.a

@@ -1,4 +1,4 @@
-/* gltf.cpp: the module "gltf": glTF 2.0 and GLB by tinygltf and Draco.
+/* gltf.cpp: the module "gltf": glTF 2.0 and GLB by simdjson, tinygltf, Draco and meshoptimizer.
  *
  * One part for a mesh, however many nodes show it; one assembly for a node with several things
  * below; a node with nothing but a mesh is only a placing of its part. Nodes without any geometry
@@ -6,22 +6,24 @@
  * base. */
 #include "formats/foreign/gltf.hpp"
 #include "formats/module.h"
-#include <algorithm>
 #include <cmath>
 #include <cstring>
 
 namespace pbs::gltf {
 
-typedef tinygltf::Value value;
-
 reader::reader(const char *path, const pbs_sink *sink, pbs_err *err)
-    : folder_(path ? path : ""), sink_(sink), run_(sink->run), err_(err) {
+    : folder_(path ? path : ""), sink_(sink), run_(sink->run), err_(err), doc_(run_, err),
+      image_id_(run_, "the images", err), part_id_(run_, "the meshes", err),
+      node_id_(run_, "the nodes", err), materials_(run_, "the materials", err),
+      node_state_(run_, "the nodes", err), moves_(run_, "the nodes", err),
+      children_(run_, "placings", err), stack_(run_, "nested nodes", err) {
     folder_.erase(folder_.rfind('/') == std::string::npos ? 0 : folder_.rfind('/') + 1);
 }
 
 /* Extensions that we read, or that change nothing that we read. */
 static bool understood(const std::string &name) {
     static const char *const exact[] = {"KHR_draco_mesh_compression",
+                                        "EXT_meshopt_compression",
                                         "KHR_mesh_quantization",
                                         "KHR_texture_transform",
                                         "EXT_mesh_gpu_instancing",
@@ -46,28 +48,10 @@ static bool understood(const std::string &name) {
 }
 
 void reader::refuse_unknown_extensions() {
-    for (const std::string &name : model_.extensionsRequired)
+    for (const std::string &name : head_.extensionsRequired)
         if (!understood(name))
             fail(err_, PBS_DATA, "needs the extension %.100s, which is not supported",
                  name.c_str());
-}
-
-void reader::mark_moving() {
-    moves_.assign(model_.nodes.size(), 0);
-    for (const tinygltf::Animation &a : model_.animations)
-        for (const tinygltf::AnimationChannel &c : a.channels) {
-            bool rigid = c.target_path == "translation" || c.target_path == "rotation" ||
-                         c.target_path == "scale";
-            if (rigid && c.target_node >= 0 && (size_t)c.target_node < moves_.size())
-                moves_[(size_t)c.target_node] = 1;
-        }
-}
-
-static void copy_numbers(const std::vector<double> &from, size_t n, const char *what, double *to,
-                         pbs_err *err) {
-    if (from.empty()) return;
-    if (from.size() != n) fail(err, PBS_DATA, "%s has %zu numbers", what, from.size());
-    std::copy(from.begin(), from.end(), to);
 }
 
 /* translation, rotation (x y z w, any length) and scale as three rows of a matrix. */
@@ -84,43 +68,44 @@ static void from_trs(double m[12], const double t[3], const double r[4], const d
     }
 }
 
+/* Noise that exporters leave in the last row of a matrix, which is to be 0 0 0 1. */
+static const double row_noise = 1e-6;
+
 void reader::local_matrix(int n, double m[12]) {
-    const tinygltf::Node &node = model_.nodes[(size_t)n];
-    in("node", n, node.name, [&] {
-        if (!node.matrix.empty()) {
-            double columns[16];
-            copy_numbers(node.matrix, 16, "matrix", columns, err_);
-            for (int r = 0; r < 3; r++)
-                for (int c = 0; c < 4; c++) m[4 * r + c] = columns[4 * c + r];
-            return;
-        }
-        double t[3] = {0, 0, 0}, r[4] = {0, 0, 0, 1}, s[3] = {1, 1, 1};
-        copy_numbers(node.translation, 3, "translation", t, err_);
-        copy_numbers(node.rotation, 4, "rotation", r, err_);
-        copy_numbers(node.scale, 3, "scale", s, err_);
-        from_trs(m, t, r, s);
-    });
+    const node_entry &node = doc_.nodes[(size_t)n];
+    double pose[3][4] = {{0, 0, 0, 0}, {0, 0, 0, 1}, {1, 1, 1, 0}};
+    uint32_t at = node.numbers;
+    for (int p = TRANSLATION; p <= SCALE; p++)
+        for (uint32_t k = 0; (node.has >> p & 1) && k < path_numbers[p]; k++)
+            pose[p][k] = doc_.numbers[at++];
+    if (!(node.has >> MATRIX & 1)) return from_trs(m, pose[0], pose[1], pose[2]);
+    for (uint32_t r = 0; r < 3; r++)
+        for (uint32_t c = 0; c < 4; c++) m[4 * r + c] = doc_.numbers[at + 4 * c + r];
+    for (uint32_t c = 0; c < 4; c++)
+        if (!(fabs(doc_.numbers[at + 4 * c + 3] - (c == 3)) <= row_noise))
+            in_place(err_, "node", (size_t)n, doc_.name(node.name), [&] {
+                fail(err_, PBS_DATA, "matrix: the last row is not 0 0 0 1: this is no placing");
+            });
 }
 
 /* EXT_mesh_gpu_instancing: an assembly of as many placings. */
-uint32_t reader::instances(int n, const value &ext, uint32_t part) {
-    const value &list = ext.IsObject() ? ext.Get("attributes") : ext;
+uint32_t reader::instances(int n, const instancing_entry &e, uint32_t part) {
     stream trs[3];
     static const char *const names[] = {"TRANSLATION", "ROTATION", "SCALE"};
     uint64_t count = 0;
     bool any = false;
-    for (int k = 0; k < 3 && list.IsObject(); k++) {
-        if (!list.Has(names[k])) continue;
-        const value &accessor = list.Get(names[k]);
-        trs[k] = open_stream(accessor.IsInt() ? accessor.GetNumberAsInt() : -1);
+    forget_views();
+    for (int k = 0; k < 3; k++) {
+        if (e.accessor[k] == absent) continue;
+        trs[k] = open_stream(e.accessor[k]);
         if (trs[k].components != (k == 1 ? 4 : 3) || (any && trs[k].count != count))
             fail(err_, PBS_DATA, "EXT_mesh_gpu_instancing: %s does not fit", names[k]);
         count = trs[k].count;
         any = true;
     }
-    if (!any) return part;
     array<pbs_child> children(run_, count, "instances", err_);
     for (uint64_t i = 0; i < count; i++) {
+        if (i % 65536 == 0) check(pbs_run_check(run_, err_));
         double v[3][4] = {{0, 0, 0, 0}, {0, 0, 0, 1}, {1, 1, 1, 0}};
         for (int k = 0; k < 3; k++)
             if (trs[k]) trs[k].get(i, v[k]);
@@ -129,28 +114,28 @@ uint32_t reader::instances(int n, const value &ext, uint32_t part) {
         from_trs(c.m, v[0], v[1], v[2]);
         children[i] = c;
     }
-    const std::string &name = model_.nodes[(size_t)n].name;
     uint32_t id = PBS_NONE;
-    check(sink_->assembly(sink_->ctx, name.empty() ? nullptr : name.c_str(), children.data(), count,
+    check(sink_->assembly(sink_->ctx, doc_.name(doc_.nodes[(size_t)n].name), children.data(), count,
                           &id, err_));
     return id;
 }
 
 uint32_t reader::mesh_or_instances(int n) {
-    const tinygltf::Node &node = model_.nodes[(size_t)n];
+    const node_entry &node = doc_.nodes[(size_t)n];
     if (node.mesh < 0) return PBS_NONE;
     uint32_t id = part(node.mesh);
-    auto it = node.extensions.find("EXT_mesh_gpu_instancing");
-    if (it != node.extensions.end())
-        in("node", n, node.name, [&] { id = instances(n, it->second, id); });
+    if (node.instancing != absent)
+        in_place(err_, "node", (size_t)n, doc_.name(node.name),
+                 [&] { id = instances(n, doc_.instancing[(size_t)node.instancing], id); });
     return id;
 }
 
+/* A placing has its node's own name, also where the sink finds out that the assemblies of two
+ * nodes are equal and keeps one. */
 pbs_child reader::child_of(int n) {
     pbs_child c = {};
-    const std::string &name = model_.nodes[(size_t)n].name;
     c.node = node_id_[(size_t)n];
-    c.name = name.empty() ? nullptr : name.c_str();
+    c.name = doc_.name(doc_.nodes[(size_t)n].name);
     c.flags = moves_[(size_t)n] ? (uint32_t)PBS_CHILD_MOVES : 0;
     local_matrix(n, c.m);
     return c;
@@ -158,112 +143,107 @@ pbs_child reader::child_of(int n) {
 
 /* All below is known: gives the node its id. */
 void reader::finish_node(int n) {
-    const tinygltf::Node &node = model_.nodes[(size_t)n];
+    const node_entry &node = doc_.nodes[(size_t)n];
     uint32_t own = mesh_or_instances(n), &id = node_id_[(size_t)n];
     children_.clear();
-    for (int c : node.children)
-        if (node_id_[(size_t)c] != PBS_NONE) children_.push_back(child_of(c));
-    id = own;
-    if (children_.empty()) return;
     if (own != PBS_NONE) {
         pbs_child c = {};
         c.node = own;
         memcpy(c.m, PBS_IDENTITY, sizeof c.m);
-        const std::string &name = model_.meshes[(size_t)node.mesh].name;
-        c.name = name.empty() ? nullptr : name.c_str();
-        children_.insert(children_.begin(), c);
+        c.name = doc_.name(doc_.meshes[(size_t)node.mesh].name);
+        children_.push(c);
     }
-    check(sink_->assembly(sink_->ctx, node.name.empty() ? nullptr : node.name.c_str(),
-                          children_.data(), children_.size(), &id, err_));
+    for (uint32_t k = 0; k < node.child_count; k++) {
+        int c = doc_.children[node.first_child + k];
+        if (node_id_[(size_t)c] != PBS_NONE) children_.push(child_of(c));
+    }
+    id = own;
+    if (children_.size() == (own != PBS_NONE)) return;
+    check(sink_->assembly(sink_->ctx, doc_.name(node.name), children_.data(), children_.size(), &id,
+                          err_));
+}
+
+enum { UNSEEN, OPEN, DONE };
+
+void reader::enter(int n, int from) {
+    if (n < 0 || (size_t)n >= doc_.nodes.size())
+        fail(err_, PBS_DATA, "%s refers to node %d, but there are %zu",
+             from < 0 ? "the scene" : ("node " + std::to_string(from)).c_str(), n,
+             doc_.nodes.size());
+    uint8_t &state = node_state_[(size_t)n];
+    if (state == OPEN) fail(err_, PBS_DATA, "node %d: the hierarchy has a cycle", n);
+    if (state == UNSEEN) stack_.push({n, 0}), state = OPEN;
 }
 
 /* Depth first without recursion: files may be as deep as they like. */
 void reader::walk(int root) {
-    enum { unseen, open, done };
-    struct step {
-        int node;
-        size_t next;
-    };
-    std::vector<step> stack;
-    auto enter = [&](int n, int from) {
-        if (n < 0 || (size_t)n >= model_.nodes.size())
-            fail(err_, PBS_DATA, "%s refers to node %d, but there are %zu",
-                 from < 0 ? "the scene" : ("node " + std::to_string(from)).c_str(), n,
-                 model_.nodes.size());
-        uint8_t &state = node_state_[(size_t)n];
-        if (state == open) fail(err_, PBS_DATA, "node %d: the hierarchy has a cycle", n);
-        if (state == unseen) stack.push_back({n, 0}), state = open;
-    };
     enter(root, -1);
-    while (!stack.empty()) {
-        step &top = stack.back();
-        const std::vector<int> &children = model_.nodes[(size_t)top.node].children;
-        if (top.next < children.size()) {
-            enter(children[top.next++], top.node);
+    while (!stack_.empty()) {
+        step &top = stack_.back();
+        const node_entry &n = doc_.nodes[(size_t)top.node];
+        if (top.next < n.child_count) {
+            int parent = top.node;
+            enter(doc_.children[n.first_child + top.next++], parent);
             continue;
         }
         finish_node(top.node);
-        node_state_[(size_t)top.node] = done;
-        stack.pop_back();
+        node_state_[(size_t)top.node] = DONE;
+        stack_.pop();
     }
 }
 
 /* The default scene, or the first, or without scenes all nodes that are nobody's child. */
-std::vector<int> reader::root_nodes(std::string &name) {
-    int s = model_.defaultScene;
-    if (!model_.scenes.empty()) {
-        if (s >= (int)model_.scenes.size())
-            fail(err_, PBS_DATA, "scene %d, but there are %zu", s, model_.scenes.size());
-        const tinygltf::Scene &scene = model_.scenes[s < 0 ? 0 : (size_t)s];
-        name = scene.name;
-        return scene.nodes;
+void reader::find_roots() {
+    if (doc_.scenes) {
+        if (head_.defaultScene >= (int64_t)doc_.scenes)
+            fail(err_, PBS_DATA, "scene %d, but there are %zu", head_.defaultScene, doc_.scenes);
+        return;
     }
-    std::vector<uint8_t> child(model_.nodes.size());
-    for (const tinygltf::Node &n : model_.nodes)
-        for (int c : n.children)
-            if (c >= 0 && (size_t)c < child.size()) child[(size_t)c] = 1;
-    std::vector<int> roots;
+    list<uint8_t> child(run_, "the nodes", err_);
+    child.assign(doc_.nodes.size(), 0);
+    for (int32_t c : doc_.children)
+        if (c >= 0 && (size_t)c < child.size()) child[(size_t)c] = 1;
     for (size_t i = 0; i < child.size(); i++)
-        if (!child[i]) roots.push_back((int)i);
-    if (roots.empty() && !child.empty()) fail(err_, PBS_DATA, "node 0: the hierarchy has a cycle");
-    return roots;
+        if (!child[i]) doc_.roots.push((int32_t)i);
+    if (doc_.roots.empty() && !child.empty())
+        fail(err_, PBS_DATA, "node 0: the hierarchy has a cycle");
 }
 
-/* What the JSON text costs as a tree and then as tinygltf's structures, measured. */
-static const size_t bytes_for_json = 15;
+/* All that can be said before the first node. */
+void reader::begin() {
+    parse_head(head_, doc_, err_);
+    if (head_.asset.version.compare(0, 2, "2.") != 0)
+        fail(err_, PBS_DATA, "glTF version %.20s is not supported, only 2",
+             head_.asset.version.c_str());
+    refuse_unknown_extensions();
+    read_lists(doc_, head_.defaultScene, run_, err_);
+    buffers_.resize(doc_.buffers.size());
+    image_id_.assign(doc_.images.size(), not_yet);
+    materials_.assign(doc_.materials.size(), {not_yet, 0});
+    part_id_.assign(doc_.meshes.size(), not_yet);
+    node_id_.assign(doc_.nodes.size(), PBS_NONE);
+    node_state_.assign(doc_.nodes.size(), UNSEEN);
+    mark_moving();
+    find_roots();
+}
 
 void reader::read(const void *data, size_t size) {
     open_container(doc_, data, size, err_);
     try {
-        split_json(doc_, err_);
-    } catch (const failure &) {
+        find_lists(doc_, err_);
+        counted memory(run_, bytes_for_json * doc_.head.size(), "the scene's JSON", err_);
+        begin();
+        for (int32_t n : doc_.roots) walk(n);
+        children_.clear();
+        for (int32_t n : doc_.roots)
+            if (node_id_[(size_t)n] != PBS_NONE) children_.push(child_of(n));
+    } catch (const not_json &) {
         std::string text = syntax_error(doc_);
         if (!text.empty()) pbs_fail(err_, PBS_DATA, "%s", text.c_str());
         throw;
     }
-    counted memory(run_, (bytes_for_json + 1) * doc_.slim.size(), "the scene's JSON", err_);
-    parse(model_, doc_, err_);
-    view_count_ = (int)doc_.views;
-    if (model_.asset.version.compare(0, 2, "2.") != 0)
-        fail(err_, PBS_DATA, "glTF version %.20s is not supported, only 2",
-             model_.asset.version.c_str());
-    refuse_unknown_extensions();
-    mark_moving();
-    buffers_.resize(doc_.buffers.size());
-    image_id_.assign(doc_.images.size(), not_yet);
-    material_id_.assign(model_.materials.size(), not_yet);
-    part_id_.assign(model_.meshes.size(), not_yet);
-    node_id_.assign(model_.nodes.size(), PBS_NONE);
-    node_state_.assign(model_.nodes.size(), 0);
-
-    std::string name;
-    std::vector<int> roots = root_nodes(name);
-    for (int n : roots) walk(n);
-    children_.clear();
-    for (int n : roots)
-        if (node_id_[(size_t)n] != PBS_NONE) children_.push_back(child_of(n));
     uint32_t id = PBS_NONE;
-    check(sink_->assembly(sink_->ctx, name.empty() ? nullptr : name.c_str(), children_.data(),
+    check(sink_->assembly(sink_->ctx, doc_.name(doc_.scene_name), children_.data(),
                           children_.size(), &id, err_));
     check(sink_->root(sink_->ctx, id, err_));
 }

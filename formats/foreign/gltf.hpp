@@ -1,9 +1,9 @@
-/* gltf.hpp: what the files of the module "gltf" share.
+/* gltf.hpp: what the files of the module "gltf" share, and the reader that walks over a document
+ * (gltf_doc.hpp).
  *
- * tinygltf keeps the whole file and a copy of every buffer in memory, so it is given the JSON
- * only, without buffers and images (gltf_json.cpp); vertices are read from the mapped files in
- * place (gltf_data.cpp). Every offset, count and length in a file is somebody else's claim:
- * reader::slice() is the only way from a number in the JSON to a pointer. */
+ * Vertices are read from the mapped files in place (gltf_data.cpp). Every offset, count and length
+ * in a file is somebody else's claim: reader::slice() is the only way from a number in the JSON to
+ * a pointer. */
 #ifndef PBS_GLTF_HPP
 #define PBS_GLTF_HPP
 
@@ -13,18 +13,11 @@
 #define TINYGLTF_NO_FS
 #include <tiny_gltf.h>
 
-#include "formats/foreign/guard.hpp"
+#include "formats/foreign/gltf_doc.hpp"
 #include "formats/sink.h"
-#include <string>
-#include <string_view>
 #include <vector>
 
 namespace pbs::gltf {
-
-struct bytes {
-    const uint8_t *data = nullptr;
-    uint64_t size = 0;
-};
 
 /* A file mapped read-only. */
 class mapping {
@@ -42,41 +35,12 @@ class mapping {
     bytes view_;
 };
 
-/* The members of "buffers" and "images" that count; views into the mapped file. uri is the JSON
- * string as written, escapes and all, because a data URI may be as large as the file. */
-struct buffer_entry {
-    std::string_view uri;
-    bool has_uri = false, fallback = false;
-    uint64_t length = 0;
-};
-struct image_entry {
-    std::string_view uri;
-    bool has_uri = false;
-    int view = -1;
-    std::string name;
-};
-
-/* gltf_json.cpp */
-struct document {
-    std::string_view json; /* of the whole file */
-    bytes bin;             /* of a GLB */
-    std::string slim;      /* JSON for tinygltf: no buffers, no images, nothing that nobody reads */
-    size_t views = 0, accessors = 0, nodes = 0, meshes = 0; /* their numbers */
-    std::vector<buffer_entry> buffers;
-    std::vector<image_entry> images;
-};
-/* Takes the container apart. */
-void open_container(document &doc, const void *data, size_t size, pbs_err *err);
-/* Fills slim, buffers, images. tinygltf refuses an accessor of indices that has no bufferView,
- * which Draco files have: slim gets one more bufferView, and such accessors point to it. */
-void split_json(document &doc, pbs_err *err);
-std::string unescape(std::string_view raw);
-bool is_data_uri(std::string_view raw);
-/* The decoded bytes of a data URI. */
-array<uint8_t> decode_data_uri(pbs_run *run, std::string_view raw, uint64_t *size, pbs_err *err);
-
-/* gltf_parse.cpp: tinygltf itself. */
-void parse(tinygltf::Model &model, const document &doc, pbs_err *err);
+/* gltf_parse.cpp: tinygltf itself. What the JSON costs as its tree and then as its structures was
+ * measured as 15 bytes for one of the text, which is copied once. */
+static constexpr size_t bytes_for_json = 16;
+/* asset, extensions, textures, samplers. */
+void parse_head(tinygltf::Model &model, const document &doc, pbs_err *err);
+void parse_material(tinygltf::Material &m, std::string_view text, pbs_err *err);
 /* What is wrong with the JSON of the file, with line and column; empty: nothing. */
 std::string syntax_error(const document &doc);
 
@@ -115,7 +79,9 @@ inline uint32_t load_index(const uint8_t *p, int type) {
 struct primitive {
     stream index, position, normal, uv, colour;
     std::vector<array<uint8_t>> owned; /* where decoded streams lie */
+    uint64_t owned_bytes = 0;
     int mode = 0;
+    bool torn = false; /* corners are left over that make no triangle */
     uint32_t material = PBS_NONE;
     uint64_t corners = 0, triangles = 0; /* corners: those that triangles use */
 
@@ -132,25 +98,41 @@ class reader {
   private:
     /* gltf.cpp: the hierarchy */
     void refuse_unknown_extensions();
-    void mark_moving();
-    std::vector<int> root_nodes(std::string &name);
+    void find_roots();
+    void begin();
     void walk(int root);
+    void enter(int n, int from);
     void finish_node(int n);
     pbs_child child_of(int n);
     uint32_t mesh_or_instances(int n);
-    uint32_t instances(int n, const tinygltf::Value &ext, uint32_t part);
+    uint32_t instances(int n, const instancing_entry &e, uint32_t part);
     void local_matrix(int n, double m[12]);
+
+    /* gltf_moving.cpp */
+    void mark_moving();
+    bool moves(const channel_entry &c);
 
     /* gltf_data.cpp */
     const bytes &buffer(int i);
     bytes slice(int view, uint64_t offset, uint64_t length);
+    bytes whole_view(int view);
+    bytes range(int buffer, uint64_t offset, uint64_t length, int view);
     stream open_stream(int accessor);
-    void open_sparse(stream &s, const tinygltf::Accessor &a);
+    void place_stream(stream &s, const accessor_entry &a);
+    void open_sparse(stream &s, const sparse_entry &sp);
     bool find_file(const std::string &uri, mapping &file);
 
+    /* gltf_meshopt.cpp. What slice() gave lives until the next forget_views(). */
+    bytes decoded_view(int view);
+    bool drop_oldest_view();
+    void forget_views() { era_++; }
+
     /* gltf_material.cpp */
-    uint32_t material(int i);
-    int uv_set(int material);
+    struct known_material {
+        uint32_t id;
+        int32_t set; /* of texture coordinates */
+    };
+    const known_material &material(int i);
     struct texture_slot;
     pbs_texture_use texture_use(const texture_slot &slot, int set);
     uint32_t image(int i);
@@ -158,38 +140,25 @@ class reader {
 
     /* gltf_mesh.cpp */
     uint32_t part(int mesh);
-    primitive open_primitive(const tinygltf::Primitive &p);
-    stream attribute(const tinygltf::Primitive &p, const char *name, int components,
-                     uint64_t vertices);
-    bool skip_mode(const tinygltf::Primitive &p);
-    uint64_t corner_count(const tinygltf::Primitive &p);
+    struct survey;
+    void look_at(const primitive_entry &e, uint32_t place, survey &s);
+    primitive open_primitive(const primitive_entry &p);
+    const attribute_entry *find_attribute(const primitive_entry &p, int semantic) const;
+    stream attribute(const primitive_entry &p, int semantic, int components, uint64_t vertices);
+    bool skip_mode(const primitive_entry &p);
+    uint64_t corner_count(const primitive_entry &p);
     void bound(const primitive &p, pbs_box &box);
     void emit(const primitive &p);
 
     /* gltf_draco.cpp */
-    void decode_draco(const tinygltf::Primitive &p, const tinygltf::Value &ext, primitive &out);
-
-    /* Runs body; an error of the file that it meets gets the place in front. */
-    template <class F> void in(const char *what, int i, const std::string &name, F body) {
-        try {
-            body();
-        } catch (const failure &e) {
-            if (e.code != PBS_DATA) throw;
-            if (name.empty())
-                pbs_fail_in(err_, "%s %d", what, i);
-            else
-                pbs_fail_in(err_, "%s %d (%.100s)", what, i, name.c_str());
-            throw;
-        }
-    }
+    void decode_draco(const primitive_entry &p, int uv_set, primitive &out);
 
     std::string folder_; /* of the file, with the slash */
     const pbs_sink *sink_;
     pbs_run *run_;
     pbs_err *err_;
     document doc_;
-    tinygltf::Model model_;
-    int view_count_ = 0; /* bufferViews in the file */
+    tinygltf::Model head_;
 
     struct loaded_buffer {
         bool loaded = false;
@@ -198,12 +167,25 @@ class reader {
         bytes view;
     };
     std::vector<loaded_buffer> buffers_;
+    struct view_bytes {
+        array<uint8_t> data;
+        int meshopt;
+        uint64_t era;
+    };
+    std::vector<view_bytes> decoded_; /* some, by age */
+    uint64_t decoded_bytes_ = 0, era_ = 0;
 
     /* Ids at the sink; not_yet until first used, PBS_NONE: there is nothing. */
     static constexpr uint32_t not_yet = UINT32_MAX - 1;
-    std::vector<uint32_t> image_id_, material_id_, part_id_, node_id_;
-    std::vector<uint8_t> node_state_, moves_;
-    std::vector<pbs_child> children_;
+    list<uint32_t> image_id_, part_id_, node_id_;
+    list<known_material> materials_;
+    list<uint8_t> node_state_, moves_;
+    list<pbs_child> children_;
+    struct step {
+        int node;
+        uint32_t next;
+    };
+    list<step> stack_;
 };
 
 } // namespace pbs::gltf

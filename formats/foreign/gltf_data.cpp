@@ -1,5 +1,6 @@
 /* gltf_data.cpp: from a claim in the JSON to bytes that are there: files, buffers, accessors. */
 #include "formats/foreign/gltf.hpp"
+#include <algorithm>
 #include <cerrno>
 #include <cstring>
 #include <fcntl.h>
@@ -90,7 +91,7 @@ const bytes &reader::buffer(int i) {
         b.view = doc_.bin;
     } else {
         fail(err_, PBS_DATA, "buffer %d has no data%s", i,
-             e.fallback ? ": EXT_meshopt_compression is not supported" : "");
+             e.fallback ? ": it stands for EXT_meshopt_compression, which this view lacks" : "");
     }
     if (b.view.size < e.length)
         fail(err_, PBS_DATA, "buffer %d has %llu bytes of %llu: it is cut off", i, (ull)b.view.size,
@@ -100,18 +101,29 @@ const bytes &reader::buffer(int i) {
     return b.view;
 }
 
-bytes reader::slice(int view, uint64_t offset, uint64_t length) {
-    if (view < 0 || view >= view_count_)
-        fail(err_, PBS_DATA, "bufferView %d, but there are %d", view, view_count_);
-    const tinygltf::BufferView &v = model_.bufferViews[(size_t)view];
-    const bytes &b = buffer(v.buffer);
-    if (v.byteOffset > b.size || v.byteLength > b.size - v.byteOffset)
+/* A part of a buffer, for a view. */
+bytes reader::range(int i, uint64_t offset, uint64_t length, int view) {
+    const bytes &b = buffer(i);
+    if (offset > b.size || length > b.size - offset)
         fail(err_, PBS_DATA, "bufferView %d: %llu bytes at %llu, but buffer %d has %llu", view,
-             (ull)v.byteLength, (ull)v.byteOffset, v.buffer, (ull)b.size);
-    if (offset > v.byteLength || length > v.byteLength - offset)
+             (ull)length, (ull)offset, i, (ull)b.size);
+    return {b.data + offset, length};
+}
+
+bytes reader::whole_view(int view) {
+    if (view < 0 || (size_t)view >= doc_.views.size())
+        fail(err_, PBS_DATA, "bufferView %d, but there are %zu", view, doc_.views.size());
+    const view_entry &v = doc_.views[(size_t)view];
+    if (v.meshopt != absent) return decoded_view(view);
+    return range(v.buffer, v.offset, v.length, view);
+}
+
+bytes reader::slice(int view, uint64_t offset, uint64_t length) {
+    bytes b = whole_view(view);
+    if (offset > b.size || length > b.size - offset)
         fail(err_, PBS_DATA, "%llu bytes at %llu are needed, but bufferView %d has %llu",
-             (ull)length, (ull)offset, view, (ull)v.byteLength);
-    return {b.data + v.byteOffset + offset, length};
+             (ull)length, (ull)offset, view, (ull)b.size);
+    return {b.data + offset, length};
 }
 
 uint32_t component_size(int type) {
@@ -134,19 +146,17 @@ uint32_t component_size(int type) {
  * keep us busy for an hour. */
 static const uint64_t max_without_data = 1 << 26;
 
-void reader::open_sparse(stream &s, const tinygltf::Accessor &a) {
-    const auto &sp = a.sparse;
-    int type = sp.indices.componentType;
+void reader::open_sparse(stream &s, const sparse_entry &sp) {
+    int type = sp.where_type;
     uint32_t width = component_size(type);
     if (type != TINYGLTF_COMPONENT_TYPE_UNSIGNED_BYTE &&
         type != TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT &&
         type != TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT)
         fail(err_, PBS_DATA, "sparse indices of type %d", type);
-    if (sp.count < 0 || sp.indices.byteOffset < 0 || sp.values.byteOffset < 0)
-        fail(err_, PBS_DATA, "a negative number in sparse");
-    auto n = (uint64_t)sp.count;
-    s.where = slice(sp.indices.bufferView, (uint64_t)sp.indices.byteOffset, n * width).data;
-    s.values = slice(sp.values.bufferView, (uint64_t)sp.values.byteOffset, n * s.element).data;
+    uint64_t n = sp.count;
+    if (n > s.count) fail(err_, PBS_DATA, "%llu sparse values of %llu", (ull)n, (ull)s.count);
+    s.where = slice(sp.where_view, sp.where_offset, n * width).data;
+    s.values = slice(sp.values_view, sp.values_offset, n * s.element).data;
     s.where_type = type;
     s.sparse_count = n;
     int64_t last = -1;
@@ -159,36 +169,53 @@ void reader::open_sparse(stream &s, const tinygltf::Accessor &a) {
     }
 }
 
-stream reader::open_stream(int accessor) {
+/* The stride of an accessor's view. A stride that would tear numbers apart or let elements
+ * overlap is no reading of the file that anybody meant. */
+static uint64_t stride_of(const document &doc, int view, const stream &s, pbs_err *err) {
+    const view_entry &v = doc.views[(size_t)view];
+    if (!v.stride && v.meshopt != absent)
+        return std::max<uint64_t>(doc.meshopt[(size_t)v.meshopt].stride, s.element);
+    if (!v.stride) return s.element;
+    uint32_t width = component_size(s.type);
+    if (v.stride < 0 || (uint64_t)v.stride % width || (uint64_t)v.stride < s.element)
+        fail(err, PBS_DATA, "bufferView %d: byteStride %lld for elements of %u bytes", view,
+             (long long)v.stride, s.element);
+    return (uint64_t)v.stride;
+}
+
+void reader::place_stream(stream &s, const accessor_entry &a) {
     static const uint8_t zeros[64] = {0};
-    if (accessor < 0 || (size_t)accessor >= model_.accessors.size())
-        fail(err_, PBS_DATA, "accessor %d, but there are %zu", accessor, model_.accessors.size());
-    const tinygltf::Accessor &a = model_.accessors[(size_t)accessor];
+    if (a.view == absent) {
+        if (s.count > max_without_data)
+            fail(err_, PBS_DATA, "%llu elements without data", (ull)s.count);
+        s.data = zeros;
+        return;
+    }
+    if (a.view < 0 || (size_t)a.view >= doc_.views.size())
+        fail(err_, PBS_DATA, "bufferView %d, but there are %zu", a.view, doc_.views.size());
+    s.stride = stride_of(doc_, a.view, s, err_);
+    uint64_t length = 0;
+    if (s.count && (__builtin_mul_overflow(s.count - 1, s.stride, &length) ||
+                    __builtin_add_overflow(length, s.element, &length)))
+        fail(err_, PBS_DATA, "%llu elements", (ull)s.count);
+    s.data = slice(a.view, a.offset, length).data;
+}
+
+stream reader::open_stream(int accessor) {
+    if (accessor < 0 || (size_t)accessor >= doc_.accessors.size())
+        fail(err_, PBS_DATA, "accessor %d, but there are %zu", accessor, doc_.accessors.size());
+    const accessor_entry &a = doc_.accessors[(size_t)accessor];
     stream s;
-    in("accessor", accessor, a.name, [&] {
-        uint32_t width = component_size(a.componentType);
-        if (!width) fail(err_, PBS_DATA, "component type %d", a.componentType);
-        s.type = a.componentType;
-        s.components = tinygltf::GetNumComponentsInType((uint32_t)a.type);
-        s.element = width * (uint32_t)s.components;
+    in_place(err_, "accessor", (size_t)accessor, nullptr, [&] {
+        uint32_t width = component_size(a.type);
+        if (!width) fail(err_, PBS_DATA, "component type %d", a.type);
+        s.type = a.type;
+        s.components = a.components;
+        s.element = width * a.components;
         s.normalized = a.normalized;
         s.count = a.count;
-        if (a.bufferView == view_count_) {
-            if (s.count > max_without_data)
-                fail(err_, PBS_DATA, "%llu elements without data", (ull)s.count);
-            s.data = zeros;
-        } else {
-            uint64_t stride = a.bufferView >= 0 && a.bufferView < view_count_
-                                  ? model_.bufferViews[(size_t)a.bufferView].byteStride
-                                  : 0;
-            s.stride = stride ? stride : s.element;
-            uint64_t length = 0;
-            if (s.count && (__builtin_mul_overflow(s.count - 1, s.stride, &length) ||
-                            __builtin_add_overflow(length, s.element, &length)))
-                fail(err_, PBS_DATA, "%llu elements", (ull)s.count);
-            s.data = slice(a.bufferView, a.byteOffset, length).data;
-        }
-        if (a.sparse.isSparse) open_sparse(s, a);
+        place_stream(s, a);
+        if (a.sparse != absent) open_sparse(s, doc_.sparse[(size_t)a.sparse]);
     });
     return s;
 }

@@ -76,17 +76,12 @@ static void decode_attribute(pbs_run *run, const draco::Mesh &mesh, int id, stre
     s.count = mesh.num_points();
     s.where = s.values = nullptr;
     s.sparse_count = 0;
+    out.owned_bytes += data.size();
     out.owned.push_back(std::move(data));
 }
 
-void reader::decode_draco(const tinygltf::Primitive &p, const tinygltf::Value &ext,
-                          primitive &out) {
-    if (!ext.IsObject() || !ext.Get("bufferView").IsInt() || !ext.Get("attributes").IsObject())
-        fail(err_, PBS_DATA, "KHR_draco_mesh_compression is not complete");
-    int view = ext.Get("bufferView").GetNumberAsInt();
-    if (view < 0 || view >= view_count_)
-        fail(err_, PBS_DATA, "bufferView %d, but there are %d", view, view_count_);
-    bytes in = slice(view, 0, model_.bufferViews[(size_t)view].byteLength);
+void reader::decode_draco(const primitive_entry &p, int uv_set, primitive &out) {
+    bytes in = whole_view(p.draco_view);
     uint32_t faces = 0, points = 0;
     bool known = peek(in, faces, points);
     if (known && p.mode == TINYGLTF_MODE_TRIANGLES && out.index &&
@@ -103,17 +98,16 @@ void reader::decode_draco(const tinygltf::Primitive &p, const tinygltf::Value &e
     if (!result.ok()) fail(err_, PBS_DATA, "Draco: %s", result.status().error_msg());
     const draco::Mesh &mesh = *result.value();
 
-    struct {
-        const char *name;
+    const struct {
+        int semantic;
         stream *s;
-    } attributes[] = {{"POSITION", &out.position},
-                      {"NORMAL", &out.normal},
-                      {nullptr, &out.uv},
-                      {"COLOR_0", &out.colour}};
-    std::string uv = "TEXCOORD_" + std::to_string(uv_set(p.material));
+    } attributes[] = {{POSITION, &out.position},
+                      {NORMAL, &out.normal},
+                      {uv_set, &out.uv},
+                      {COLOR_0, &out.colour}};
     for (auto &a : attributes) {
-        const tinygltf::Value &id = ext.Get("attributes").Get(a.name ? a.name : uv);
-        if (*a.s && id.IsInt()) decode_attribute(run_, mesh, id.GetNumberAsInt(), *a.s, out, err_);
+        const attribute_entry *e = *a.s ? find_attribute(p, a.semantic) : nullptr;
+        if (e && e->draco != absent) decode_attribute(run_, mesh, e->draco, *a.s, out, err_);
     }
     array<uint8_t> index(run_, (size_t)mesh.num_faces() * 12, "a decoded mesh", err_);
     for (draco::FaceIndex f(0); f < mesh.num_faces(); ++f)
@@ -127,6 +121,7 @@ void reader::decode_draco(const tinygltf::Primitive &p, const tinygltf::Value &e
     out.index.count = (uint64_t)mesh.num_faces() * 3;
     out.index.type = TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT;
     out.index.components = 1;
+    out.owned_bytes += index.size();
     out.owned.push_back(std::move(index));
     /* Strips come out of the decoder as single triangles. */
     out.mode = TINYGLTF_MODE_TRIANGLES;

@@ -21,9 +21,9 @@ static const value *find(const tinygltf::ExtensionMap &map, const char *name) {
     return it != map.end() && it->second.IsObject() ? &it->second : nullptr;
 }
 
-static double number(const value &object, const char *key, double absent) {
+static double number(const value &object, const char *key, double otherwise) {
     const value &v = object.Get(key);
-    return v.IsNumber() ? v.GetNumberAsDouble() : absent;
+    return v.IsNumber() ? v.GetNumberAsDouble() : otherwise;
 }
 
 static void numbers(const value &object, const char *key, int n, double *out) {
@@ -32,9 +32,9 @@ static void numbers(const value &object, const char *key, int n, double *out) {
         if (v.Get(k).IsNumber()) out[k] = v.Get(k).GetNumberAsDouble();
 }
 
-static int index_of(const value &object, const char *key, int absent) {
+static int index_of(const value &object, const char *key, int otherwise) {
     const value &v = object.Get(key);
-    return v.IsInt() ? v.GetNumberAsInt() : absent;
+    return v.IsInt() ? v.GetNumberAsInt() : otherwise;
 }
 
 template <class Slot> static void apply_transform(Slot &slot, const value *t) {
@@ -76,11 +76,9 @@ template <class Slot> static Slot roughness_slot(const tinygltf::Material &m) {
     return slot_of<Slot>(m.pbrMetallicRoughness.metallicRoughnessTexture);
 }
 
-int reader::uv_set(int i) {
-    if (i < 0 || (size_t)i >= model_.materials.size()) return 0;
-    const tinygltf::Material &m = model_.materials[(size_t)i];
-    for (const texture_slot &s : {base_slot<texture_slot>(m), roughness_slot<texture_slot>(m),
-                                  slot_of<texture_slot>(m.emissiveTexture)})
+template <class Slot> static int uv_set(const tinygltf::Material &m) {
+    for (const Slot &s :
+         {base_slot<Slot>(m), roughness_slot<Slot>(m), slot_of<Slot>(m.emissiveTexture)})
         if (s.index >= 0) return s.set;
     return 0;
 }
@@ -92,10 +90,10 @@ uint32_t reader::image(int i) {
     uint32_t &id = image_id_[(size_t)i];
     if (id != not_yet) return id;
     const image_entry &e = doc_.images[(size_t)i];
-    std::string name = e.name.empty() ? "image " + std::to_string(i) : e.name;
+    const char *given = doc_.name(e.name);
+    std::string name = given ? given : "image " + std::to_string(i);
     if (e.view >= 0) {
-        bytes b = slice(e.view, 0,
-                        e.view < view_count_ ? model_.bufferViews[(size_t)e.view].byteLength : 0);
+        bytes b = whole_view(e.view);
         check(sink_->texture(sink_->ctx, name.c_str(), b.data, b.size, &id, err_));
     } else if (e.has_uri && is_data_uri(e.uri)) {
         uint64_t size = 0;
@@ -139,16 +137,15 @@ pbs_texture_use reader::texture_use(const texture_slot &slot, int set) {
         sink_->skip(sink_->ctx, PBS_SKIP_TEXTURE, 1);
         return use;
     }
-    if ((size_t)slot.index >= model_.textures.size())
-        fail(err_, PBS_DATA, "texture %d, but there are %zu", slot.index, model_.textures.size());
-    const tinygltf::Texture &t = model_.textures[(size_t)slot.index];
+    if ((size_t)slot.index >= head_.textures.size())
+        fail(err_, PBS_DATA, "texture %d, but there are %zu", slot.index, head_.textures.size());
+    const tinygltf::Texture &t = head_.textures[(size_t)slot.index];
     use.texture = image_of_texture(t);
     if (t.sampler >= 0) {
-        if ((size_t)t.sampler >= model_.samplers.size())
-            fail(err_, PBS_DATA, "sampler %d, but there are %zu", t.sampler,
-                 model_.samplers.size());
-        use.wrap_u = wrap_mode(model_.samplers[(size_t)t.sampler].wrapS);
-        use.wrap_v = wrap_mode(model_.samplers[(size_t)t.sampler].wrapT);
+        if ((size_t)t.sampler >= head_.samplers.size())
+            fail(err_, PBS_DATA, "sampler %d, but there are %zu", t.sampler, head_.samplers.size());
+        use.wrap_u = wrap_mode(head_.samplers[(size_t)t.sampler].wrapS);
+        use.wrap_v = wrap_mode(head_.samplers[(size_t)t.sampler].wrapT);
     }
     /* v grows downwards, so a counterclockwise turn has its sines the other way round. */
     double c = cos(slot.rotation), s = sin(slot.rotation);
@@ -179,14 +176,18 @@ static void factors(const tinygltf::Material &m, pbs_material &out) {
         out.emissive[k] = (float)(m.emissiveFactor[k] * s);
 }
 
-uint32_t reader::material(int i) {
-    if (i < 0) return PBS_NONE;
-    if ((size_t)i >= model_.materials.size())
-        fail(err_, PBS_DATA, "material %d, but there are %zu", i, model_.materials.size());
-    uint32_t &id = material_id_[(size_t)i];
-    if (id != not_yet) return id;
-    const tinygltf::Material &m = model_.materials[(size_t)i];
-    in("material", i, m.name, [&] {
+const reader::known_material &reader::material(int i) {
+    static const known_material none = {PBS_NONE, 0};
+    if (i < 0) return none;
+    if ((size_t)i >= doc_.materials.size())
+        fail(err_, PBS_DATA, "material %d, but there are %zu", i, doc_.materials.size());
+    known_material &known = materials_[(size_t)i];
+    if (known.id != not_yet) return known;
+    std::string_view text = doc_.materials[(size_t)i];
+    counted memory(run_, bytes_for_json * text.size(), "a material's JSON", err_);
+    tinygltf::Material m;
+    in_place(err_, "material", (size_t)i, nullptr, [&] { parse_material(m, text, err_); });
+    in_place(err_, "material", (size_t)i, m.name.empty() ? nullptr : m.name.c_str(), [&] {
         pbs_material out = {};
         factors(m, out);
         out.alpha = m.alphaMode == "MASK"    ? PBS_ALPHA_MASK
@@ -194,14 +195,15 @@ uint32_t reader::material(int i) {
                                              : PBS_ALPHA_OPAQUE;
         out.alpha_cutoff = (float)m.alphaCutoff;
         out.double_sided = m.doubleSided;
-        int set = uv_set(i);
+        int set = uv_set<texture_slot>(m);
         out.base_texture = texture_use(base_slot<texture_slot>(m), set);
         out.material_texture = texture_use(roughness_slot<texture_slot>(m), set);
         out.emissive_texture = texture_use(slot_of<texture_slot>(m.emissiveTexture), set);
         out.name = m.name.empty() ? nullptr : m.name.c_str();
-        check(sink_->material(sink_->ctx, &out, &id, err_));
+        check(sink_->material(sink_->ctx, &out, &known.id, err_));
+        known.set = set;
     });
-    return id;
+    return known;
 }
 
 } // namespace pbs::gltf

@@ -18,18 +18,24 @@ void primitive::triangle(uint64_t t, uint64_t out[3]) const {
     for (int k = 0; k < 3; k++) out[k] = corner(out[k]);
 }
 
-uint64_t reader::corner_count(const tinygltf::Primitive &p) {
+const attribute_entry *reader::find_attribute(const primitive_entry &p, int semantic) const {
+    for (uint32_t k = p.first; k < p.first + p.count; k++)
+        if (doc_.attributes[k].semantic == semantic) return &doc_.attributes[k];
+    return nullptr;
+}
+
+uint64_t reader::corner_count(const primitive_entry &p) {
     if (p.indices >= 0) return open_stream(p.indices).count;
-    auto it = p.attributes.find("POSITION");
-    return it == p.attributes.end() ? 0 : open_stream(it->second).count;
+    const attribute_entry *position = find_attribute(p, POSITION);
+    return position ? open_stream(position->accessor).count : 0;
 }
 
 /* What is not triangles is counted; true if p is such. */
-bool reader::skip_mode(const tinygltf::Primitive &p) {
+bool reader::skip_mode(const primitive_entry &p) {
     if (p.mode < 0 || p.mode > TINYGLTF_MODE_TRIANGLE_FAN)
         fail(err_, PBS_DATA, "mode %d is not known", p.mode);
-    bool placed = p.attributes.count("POSITION") > 0;
-    if (p.mode >= TINYGLTF_MODE_TRIANGLES && placed) return false;
+    if (p.mode >= TINYGLTF_MODE_TRIANGLES && find_attribute(p, POSITION)) return false;
+    forget_views();
     uint64_t n = corner_count(p), less = n ? n - 1 : 0;
     switch (p.mode) {
     case TINYGLTF_MODE_POINTS:
@@ -50,29 +56,36 @@ bool reader::skip_mode(const tinygltf::Primitive &p) {
     return true;
 }
 
-stream reader::attribute(const tinygltf::Primitive &p, const char *name, int components,
+static std::string semantic_name(int semantic) {
+    if (semantic >= 0) return "TEXCOORD_" + std::to_string(semantic);
+    return semantic == POSITION ? "POSITION" : semantic == NORMAL ? "NORMAL" : "COLOR_0";
+}
+
+stream reader::attribute(const primitive_entry &p, int semantic, int components,
                          uint64_t vertices) {
-    auto it = p.attributes.find(name);
-    if (it == p.attributes.end()) return stream();
-    stream s = open_stream(it->second);
-    bool colour = name[0] == 'C' && s.components == 4;
+    const attribute_entry *a = find_attribute(p, semantic);
+    if (!a) return stream();
+    stream s = open_stream(a->accessor);
+    bool colour = semantic == COLOR_0 && s.components == 4;
     if (s.components != components && !colour)
-        fail(err_, PBS_DATA, "%s has %d components", name, s.components);
+        fail(err_, PBS_DATA, "%s has %d components", semantic_name(semantic).c_str(), s.components);
     if (s.count < vertices)
-        fail(err_, PBS_DATA, "%s has %llu elements, POSITION has %llu", name, (ull)s.count,
-             (ull)vertices);
+        fail(err_, PBS_DATA, "%s has %llu elements, POSITION has %llu",
+             semantic_name(semantic).c_str(), (ull)s.count, (ull)vertices);
     return s;
 }
 
-primitive reader::open_primitive(const tinygltf::Primitive &p) {
+primitive reader::open_primitive(const primitive_entry &p) {
     primitive out;
     out.mode = p.mode;
-    out.position = attribute(p, "POSITION", 3, 0);
+    forget_views();
+    out.position = attribute(p, POSITION, 3, 0);
+    const known_material m = material(p.material);
+    out.material = m.id;
     uint64_t vertices = out.position.count;
-    out.normal = attribute(p, "NORMAL", 3, vertices);
-    std::string uv = "TEXCOORD_" + std::to_string(uv_set(p.material));
-    out.uv = attribute(p, uv.c_str(), 2, vertices);
-    out.colour = attribute(p, "COLOR_0", 3, vertices);
+    out.normal = attribute(p, NORMAL, 3, vertices);
+    if (m.set >= 0) out.uv = attribute(p, m.set, 2, vertices);
+    out.colour = attribute(p, COLOR_0, 3, vertices);
     if (p.indices >= 0) {
         out.index = open_stream(p.indices);
         if (out.index.components != 1 || out.index.normalized ||
@@ -81,15 +94,13 @@ primitive reader::open_primitive(const tinygltf::Primitive &p) {
              out.index.type != TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT))
             fail(err_, PBS_DATA, "indices are not unsigned integers");
     }
-    auto draco = p.extensions.find("KHR_draco_mesh_compression");
-    if (draco != p.extensions.end()) decode_draco(p, draco->second, out);
+    if (p.draco_view != absent) decode_draco(p, m.set, out);
 
     uint64_t n = out.index ? out.index.count : out.position.count;
-    bool list = out.mode == TINYGLTF_MODE_TRIANGLES;
-    out.triangles = list ? n / 3 : n >= 3 ? n - 2 : 0;
-    out.corners = list ? 3 * out.triangles : out.triangles ? n : 0;
-    if (list ? n % 3 : n > 0 && n < 3) sink_->skip(sink_->ctx, PBS_SKIP_POLYGON, 1);
-    out.material = material(p.material);
+    bool triples = out.mode == TINYGLTF_MODE_TRIANGLES;
+    out.triangles = triples ? n / 3 : n >= 3 ? n - 2 : 0;
+    out.corners = triples ? 3 * out.triangles : out.triangles ? n : 0;
+    out.torn = triples ? n % 3 : n > 0 && n < 3;
     return out;
 }
 
@@ -159,35 +170,67 @@ void reader::emit(const primitive &p) {
     }
 }
 
+/* What a first look over a mesh finds out. Decoded primitives are kept from it to the writing up to
+ * so many bytes, or a sixteenth of what is left; the others are decoded twice, so that a mesh never
+ * lies decoded in memory as a whole. */
+static const uint64_t keep_decoded = 32 << 20;
+
+struct reader::survey {
+    survey(pbs_run *run, pbs_err *err) : drawn(run, "the primitives", err) {}
+    pbs_box box = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
+    uint32_t corners = 0; /* attributes */
+    list<uint8_t> drawn;  /* 1: has triangles */
+    std::vector<std::pair<uint32_t, primitive>> kept;
+    uint64_t kept_bytes = 0;
+};
+
+void reader::look_at(const primitive_entry &e, uint32_t place, survey &s) {
+    if (skip_mode(e)) return;
+    primitive p = open_primitive(e);
+    bound(p, s.box);
+    s.drawn[place] = 1;
+    if (p.torn) sink_->skip(sink_->ctx, PBS_SKIP_POLYGON, 1);
+    s.corners |= (p.normal ? (uint32_t)PBS_CORNER_NORMAL : 0) |
+                 (p.uv ? (uint32_t)PBS_CORNER_UV : 0) |
+                 (p.colour ? (uint32_t)PBS_CORNER_COLOUR : 0);
+    /* What lies in a decoded view may be gone later. */
+    if (!p.owned_bytes || !doc_.meshopt.empty() || s.kept_bytes + p.owned_bytes > keep_decoded ||
+        p.owned_bytes > pbs_mem_left(run_) / 16)
+        return;
+    s.kept_bytes += p.owned_bytes;
+    s.kept.emplace_back(place, std::move(p));
+}
+
 uint32_t reader::part(int i) {
-    if ((size_t)i >= model_.meshes.size())
-        fail(err_, PBS_DATA, "mesh %d, but there are %zu", i, model_.meshes.size());
+    if (i < 0 || (size_t)i >= doc_.meshes.size())
+        fail(err_, PBS_DATA, "mesh %d, but there are %zu", i, doc_.meshes.size());
     uint32_t &id = part_id_[(size_t)i];
     if (id != not_yet) return id;
-    const tinygltf::Mesh &m = model_.meshes[(size_t)i];
-    std::vector<primitive> primitives;
-    pbs_box box = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
-    uint32_t corners = 0;
-    in("mesh", i, m.name, [&] {
-        for (size_t k = 0; k < m.primitives.size(); k++)
-            in("primitive", (int)k, "", [&] {
-                if (skip_mode(m.primitives[k])) return;
-                primitive p = open_primitive(m.primitives[k]);
-                bound(p, box);
-                corners |= (p.normal ? (uint32_t)PBS_CORNER_NORMAL : 0) |
-                           (p.uv ? (uint32_t)PBS_CORNER_UV : 0) |
-                           (p.colour ? (uint32_t)PBS_CORNER_COLOUR : 0);
-                primitives.push_back(std::move(p));
-            });
-    });
+    const mesh_entry m = doc_.meshes[(size_t)i];
+    const char *name = doc_.name(m.name);
+    auto each = [&](auto f) {
+        in_place(err_, "mesh", (size_t)i, name, [&] {
+            for (uint32_t k = 0; k < m.count; k++)
+                in_place(err_, "primitive", k, nullptr,
+                         [&] { f(doc_.primitives[m.first + k], k); });
+        });
+    };
+    survey s(run_, err_);
+    s.drawn.assign(m.count, 0);
+    each([&](const primitive_entry &e, uint32_t k) { look_at(e, k, s); });
     double origin[3] = {0, 0, 0};
-    for (int k = 0; k < 3 && !pbs_box_is_empty(&box); k++)
-        origin[k] = box.min[k] / 2 + box.max[k] / 2;
-    check(sink_->part_begin(sink_->ctx, m.name.empty() ? nullptr : m.name.c_str(), origin, corners,
-                            err_));
-    for (const primitive &p : primitives) emit(p);
+    for (int k = 0; k < 3 && !pbs_box_is_empty(&s.box); k++)
+        origin[k] = s.box.min[k] / 2 + s.box.max[k] / 2;
+    check(sink_->part_begin(sink_->ctx, name, origin, s.corners, err_));
+    size_t next = 0;
+    each([&](const primitive_entry &e, uint32_t k) {
+        if (next < s.kept.size() && s.kept[next].first == k)
+            emit(s.kept[next++].second);
+        else if (s.drawn[k])
+            emit(open_primitive(e));
+    });
     check(sink_->part_end(sink_->ctx, &id, err_));
-    pbs_run_progress(run_, "reading", (uint64_t)i + 1, model_.meshes.size());
+    pbs_run_progress(run_, "reading", (uint64_t)i + 1, doc_.meshes.size());
     return id;
 }
 
