@@ -6,16 +6,12 @@
 #include "libcore/pipe.h"
 #include "libcore/resolve.h"
 
-const double PBS_GBUFFER_CORNERS[4][3] = {{1, 1, 1}, {-1, 1, 1}, {1, -1, 1}, {1, 1, -1}};
-
 #define MAX_THREADS 256
 #define CHECK_EVERY (1 << 16) /* triangles between two looks at the cancel flag */
 
 typedef struct layout {
-    int pairs;
+    pbs_views views;
     uint32_t bands; /* of each pair */
-    double pixel;
-    pbs_pair pair[PBS_GBUFFER_MAX_PAIRS];
 } layout;
 
 /* A thread's own. */
@@ -55,79 +51,16 @@ typedef struct job {
 
 /* ---- sizes ---- */
 
-static double length3(const double v[3]) {
-    return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
-}
-
-static void cross(const double a[3], const double b[3], double out[3]) {
-    for (int k = 0; k < 3; k++)
-        out[k] = a[(k + 1) % 3] * b[(k + 2) % 3] - a[(k + 2) % 3] * b[(k + 1) % 3];
-}
-
-/* y is up, unless one looks along it. */
-static bool axes(pbs_pair *p, const double direction[3]) {
-    double most = 0, l;
-    for (int k = 0; k < 3; k++) most = fmax(most, fabs(direction[k]));
-    if (!(most > 0) || !isfinite(most)) return false;
-    for (int k = 0; k < 3; k++) p->toward[k] = direction[k] / most;
-    l = length3(p->toward);
-    for (int k = 0; k < 3; k++) p->toward[k] /= l;
-    const double y[3] = {0, 1, 0}, z[3] = {0, 0, 1};
-    cross(fabs(p->toward[1]) < 0.95 ? y : z, p->toward, p->right);
-    l = length3(p->right);
-    for (int k = 0; k < 3; k++) p->right[k] /= l;
-    cross(p->toward, p->right, p->up);
-    return true;
-}
-
-static double extent(const double axis[3], const double size[3]) {
-    return fabs(axis[0]) * size[0] + fabs(axis[1]) * size[1] + fabs(axis[2]) * size[2];
-}
-
-/* One pixel more than the box is long: half a pixel of margin on each side. */
-static uint32_t pixels(double extent, double pixel, uint32_t most) {
-    double n = ceil(extent / pixel * (1 - 1e-12)) + 1;
-    return n < most ? (uint32_t)n : most;
-}
-
 static pbs_code plan(layout *at, const pbs_gbuffer_params *params, int threads, pbs_err *err) {
-    if (params->pairs < 0 || params->pairs > PBS_GBUFFER_MAX_PAIRS)
-        return pbs_fail(err, PBS_USAGE, "%d pairs of views: 1 .. %d", params->pairs,
-                        PBS_GBUFFER_MAX_PAIRS);
-    if (params->resolution < 1 || params->resolution > PBS_GBUFFER_MAX_SIZE)
-        return pbs_fail(err, PBS_USAGE, "resolution %u: 1 .. %d", params->resolution,
-                        PBS_GBUFFER_MAX_SIZE);
-    double size[3], centre[3], most = 0;
-    for (int k = 0; k < 3; k++) {
-        size[k] = params->box.max[k] - params->box.min[k];
-        centre[k] = params->box.min[k] + size[k] / 2;
-        if (!(size[k] >= 0) || !(size[k] < 1e300) || !isfinite(centre[k]))
-            return pbs_fail(err, PBS_USAGE, "the box to be drawn is empty or not finite");
-    }
-    *at = (layout){.pairs = params->pairs ? params->pairs : 4};
-    for (int i = 0; i < at->pairs; i++) {
-        pbs_pair *p = &at->pair[i];
-        if (!axes(p, params->pairs ? params->direction[i] : PBS_GBUFFER_CORNERS[i]))
-            return pbs_fail(err, PBS_USAGE, "view direction %d is zero or not finite", i);
-        memcpy(p->centre, centre, sizeof centre);
-        p->depth = extent(p->toward, size);
-        most = fmax(most, fmax(extent(p->right, size), extent(p->up, size)));
-    }
-    at->pixel = most / (params->resolution > 1 ? params->resolution - 1 : 0.5);
-    if (!(at->pixel > 1e-290)) at->pixel = 1; /* a point: any size does */
-    for (int i = 0; i < at->pairs; i++) {
-        pbs_pair *p = &at->pair[i];
-        p->pixel = at->pixel;
-        p->width = pixels(extent(p->right, size), at->pixel, params->resolution);
-        p->height = pixels(extent(p->up, size), at->pixel, params->resolution);
-    }
-    at->bands = (uint32_t)((threads + at->pairs - 1) / at->pairs);
+    pbs_code rc = pbs_views_plan(params, &at->views, err);
+    if (rc) return rc;
+    at->bands = (uint32_t)((threads + at->views.pairs - 1) / at->views.pairs);
     if (at->bands > params->resolution) at->bands = params->resolution;
     return PBS_OK;
 }
 
 static void band_rows(const layout *at, int pair, uint32_t band, uint32_t *y0, uint32_t *y1) {
-    uint64_t h = at->pair[pair].height;
+    uint64_t h = at->views.pair[pair].height;
     *y0 = (uint32_t)(h * band / at->bands);
     *y1 = (uint32_t)(h * (band + 1) / at->bands);
 }
@@ -135,8 +68,9 @@ static void band_rows(const layout *at, int pair, uint32_t band, uint32_t *y0, u
 /* Pixels of the largest band, or of the largest pair with bands = 1. */
 static size_t largest(const layout *at, uint32_t bands) {
     size_t most = 0;
-    for (int i = 0; i < at->pairs; i++) {
-        size_t rows = (at->pair[i].height + bands - 1) / bands, n = rows * at->pair[i].width;
+    for (int i = 0; i < at->views.pairs; i++) {
+        size_t rows = (at->views.pair[i].height + bands - 1) / bands,
+               n = rows * at->views.pair[i].width;
         most = n > most ? n : most;
     }
     return most;
@@ -144,7 +78,8 @@ static size_t largest(const layout *at, uint32_t bands) {
 
 static uint32_t widest(const layout *at) {
     uint32_t most = 0;
-    for (int i = 0; i < at->pairs; i++) most = at->pair[i].width > most ? at->pair[i].width : most;
+    for (int i = 0; i < at->views.pairs; i++)
+        most = at->views.pair[i].width > most ? at->views.pair[i].width : most;
     return most;
 }
 
@@ -154,7 +89,7 @@ static int thread_count(int threads) {
 
 /* One more than threads, so that nobody waits for the view whose turn it is. */
 static size_t slot_count(const layout *at, int threads) {
-    size_t n = (size_t)at->pairs * at->bands, most = threads > 1 ? (size_t)threads + 1 : 1;
+    size_t n = (size_t)at->views.pairs * at->bands, most = threads > 1 ? (size_t)threads + 1 : 1;
     return n < most ? n : most;
 }
 
@@ -251,7 +186,7 @@ static void draw_mixed(const job *j, pbs_raster *r, const pbs_pair *pair, uint32
 
 static pbs_code draw_all(job *j, pbs_raster *r, const pbs_pair *pair, pbs_snapped *v,
                          pbs_err *err) {
-    uint64_t since = 0, total = j->triangles * (uint64_t)j->at.pairs * j->at.bands;
+    uint64_t since = 0, total = j->triangles * (uint64_t)j->at.views.pairs * j->at.bands;
     for (size_t d = 0; d < j->scene->draw_count; d++) {
         const pbs_draw *draw = &j->scene->draws[d];
         const pbs_mesh *mesh = draw->mesh;
@@ -294,7 +229,7 @@ static pbs_code source(void *ctx, void *item, bool *end, pbs_err *err) {
     job *j = ctx;
     slot *s = item;
     (void)err;
-    *end = j->next == (size_t)j->at.pairs * j->at.bands;
+    *end = j->next == (size_t)j->at.views.pairs * j->at.bands;
     if (*end) return PBS_OK;
     s->pair = (int)(j->next / j->at.bands);
     s->band = (uint32_t)(j->next++ % j->at.bands);
@@ -305,7 +240,7 @@ static pbs_code work(void *ctx, void *item, int thread, pbs_err *err) {
     job *j = ctx;
     slot *s = item;
     bench *b = &j->bench[thread];
-    const pbs_pair *pair = &j->at.pair[s->pair];
+    const pbs_pair *pair = &j->at.views.pair[s->pair];
     pbs_code rc = set_up(j, b, err);
     if (rc) return rc;
     pbs_raster r = {.key = b->key, .width = pair->width, .simd = pbs_raster_simd()};
@@ -326,7 +261,7 @@ static pbs_code work(void *ctx, void *item, int thread, pbs_err *err) {
 /* ---- handing over ---- */
 
 static pbs_code hand_over(job *j, int number, const pbs_resolve_out out[2], pbs_err *err) {
-    const pbs_pair *p = &j->at.pair[number];
+    const pbs_pair *p = &j->at.views.pair[number];
     pbs_code rc = PBS_OK;
     for (int odd = 0; !rc && odd < 2; odd++) {
         pbs_gbuffer_view view = {.view = 2 * number + odd,
@@ -405,7 +340,7 @@ size_t pbs_gbuffer_need(const pbs_gbuffer_scene *scene, const pbs_gbuffer_params
     if (plan(&at, params, (int)t, NULL)) return 0;
     for (size_t i = 0; i < scene->draw_count; i++)
         if (scene->draws[i].mesh->vertices > vertices) vertices = scene->draws[i].mesh->vertices;
-    size_t pieces = (size_t)at.pairs * at.bands, head = 128;
+    size_t pieces = (size_t)at.views.pairs * at.bands, head = 128;
     size_t own = 16 * largest(&at, at.bands) + 8 * PBS_KEY_PAD + sizeof(pbs_snapped) * vertices +
                  4 * (size_t)widest(&at) + sizeof(pbs_resolve_scratch) + 4 * head;
     size_t need = sizeof(job) + 4 * (scene->draw_count + 1) + 2 * head;
@@ -432,7 +367,7 @@ pbs_code pbs_gbuffer(pbs_run *run, const pbs_gbuffer_scene *scene, const pbs_gbu
     if (!rc) rc = pbs_shader_init(run, &j->shader, scene, params->channels, err);
     j->set = (pbs_resolve){scene, &j->shader, j->first, params->channels};
     j->stats.triangles = j->triangles;
-    j->stats.pixel = j->at.pixel;
+    j->stats.pixel = j->at.views.pixel;
     if (!rc) {
         pbs_pipe pipe = {.ctx = j,
                          .source = source,

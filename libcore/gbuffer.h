@@ -9,12 +9,9 @@
 #ifndef PBS_GBUFFER_H
 #define PBS_GBUFFER_H
 
-#include "libcore/mesh.h"
 #include "libcore/record.h"
 #include "libcore/run.h"
-
-#define PBS_GBUFFER_MAX_PAIRS 16
-#define PBS_GBUFFER_MAX_SIZE  16384
+#include "libcore/views.h"
 
 typedef struct pbs_gbuffer_scene {
     const pbs_draw *draws; /* in the node's frame: positions are relative to its origin */
@@ -24,20 +21,6 @@ typedef struct pbs_gbuffer_scene {
     const pbs_image *textures; /* rgba NULL: counts as white */
     size_t texture_count;
 } pbs_gbuffer_scene;
-
-typedef struct pbs_gbuffer_params {
-    int pairs; /* opposite pairs of directions: views = 2 * pairs; 0: the default */
-    double direction[PBS_GBUFFER_MAX_PAIRS]
-                    [3]; /* towards the viewer of the even view; length free */
-    uint32_t resolution; /* pixels along the longest side of the largest view; 1 .. MAX_SIZE */
-    uint32_t channels;   /* of PBS_NORMAL | COLOUR | MATERIAL | EMISSIVE; position always */
-    pbs_box box;         /* of the drawn scene in the node's frame, not empty */
-} pbs_gbuffer_params;
-
-/* The default: the four diagonals of a cube, views 2k and 2k + 1 opposite. A cube and not the
- * node's box, as the paper has it: from the corners of a flat box its big faces are seen edge-on.
- */
-extern const double PBS_GBUFFER_CORNERS[4][3];
 
 /* One view, resolved: the covered pixels in row order, bottom row first. */
 typedef struct pbs_gbuffer_view {
