@@ -95,27 +95,43 @@ static pbs_code write_node(job *j, const pbs_scene *s, const pbs_flat *flat,
 }
 
 /* Each thread has buffers of its own: rather fewer threads than no picture. */
-static size_t fit_threads(pbs_run *run, const pbs_gbuffer_scene *gs, const pbs_gbuffer_params *p) {
+static size_t fit_threads(pbs_run *run, const pbs_flat *flat, const pbs_gbuffer_params *p) {
     size_t need;
-    while ((need = pbs_gbuffer_need(gs, p, run->threads)) > pbs_mem_left(run) && run->threads > 1)
+    while ((need = pbs_gbuffer_need(NULL, flat->draws, flat->count, p, run->threads)) >
+               pbs_mem_left(run) &&
+           run->threads > 1)
         run->threads /= 2;
     return need;
+}
+
+static pbs_code draw(job *j, const pbs_surfaces *surfaces, const pbs_flat *flat,
+                     const pbs_gbuffer_params *p, pbs_gbuffer_stats *stats, pbs_err *err) {
+    pbs_run *run = &j->app->run;
+    pbs_gbuffers *g = NULL;
+    size_t need = fit_threads(run, flat, p);
+    pbs_code rc = pbs_mem_plan(run, need, "the G-buffers", err);
+    if (!rc) rc = pbs_gbuffers_new(run, surfaces, run->threads, &g, err);
+    if (!rc) rc = pbs_gbuffer(g, flat->draws, flat->count, p, take_view, j, stats, err);
+    pbs_gbuffers_free(g);
+    return rc;
 }
 
 static pbs_code render(job *j, const pbs_scene *s, const pbs_flat *flat, const pbs_image *images,
                        pbs_err *err) {
     pbs_app *app = j->app;
     j->origin = flat->origin;
-    pbs_gbuffer_scene gs = {flat->draws,       flat->count, s->materials,
-                            s->material_count, images,      s->texture_count};
-    pbs_gbuffer_params p = {
-        .resolution = choose_resolution(j->o), .channels = s->channels, .box = flat->box};
+    pbs_gbuffer_params p = {.resolution = choose_resolution(j->o),
+                            .channels = s->channels,
+                            .box = flat->box,
+                            .progress = true};
     for (int k = 0; k < 3; k++) p.box.min[k] -= flat->origin[k], p.box.max[k] -= flat->origin[k];
     choose_directions(j->o->directions, &p);
     pbs_gbuffer_stats stats = {0};
-    size_t need = fit_threads(&app->run, &gs, &p);
-    pbs_code rc = pbs_mem_plan(&app->run, need, "the G-buffers", err);
-    if (!rc) rc = pbs_gbuffer(&app->run, &gs, &p, take_view, j, &stats, err);
+    pbs_surfaces *surfaces;
+    pbs_code rc = pbs_surfaces_new(&app->run, s->materials, s->material_count, images,
+                                   s->texture_count, s->channels, &surfaces, err);
+    if (!rc) rc = draw(j, surfaces, flat, &p, &stats, err);
+    pbs_surfaces_free(&app->run, surfaces);
     if (!rc && !stats.candidates)
         rc = pbs_fail(err, PBS_DATA, "%s: no pixel is covered at resolution %u: nothing to see",
                       pbs_reader_name(s->reader), p.resolution);
@@ -153,7 +169,7 @@ static size_t least_memory(const options *o, const pbs_run *run) {
                             .channels = PBS_NORMAL,
                             .box = {{-1, -1, -1}, {1, 1, 1}}};
     choose_directions(o->directions, &p);
-    return pbs_mem_used(run) + reading + pbs_gbuffer_need(&(pbs_gbuffer_scene){0}, &p, 1);
+    return pbs_mem_used(run) + reading + pbs_gbuffer_need(NULL, NULL, 0, &p, 1);
 }
 
 static pbs_code work(pbs_app *app, void *opt, pbs_err *err) {

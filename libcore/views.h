@@ -21,6 +21,7 @@ typedef struct pbs_gbuffer_params {
     uint32_t resolution; /* pixels along the longest side of the largest view; 1 .. MAX_SIZE */
     uint32_t channels;   /* of PBS_NORMAL | COLOUR | MATERIAL | EMISSIVE; position always */
     pbs_box box;         /* of the drawn scene in the node's frame, not empty */
+    bool progress;       /* say through the run how far the drawing is */
 } pbs_gbuffer_params;
 
 /* The default: the four diagonals of a cube, views 2k and 2k + 1 opposite. A cube and not the
