@@ -6,6 +6,23 @@
  * fragment, blended ones count as opaque and keep their alpha. Orientation is not trusted: nothing
  * is culled by facing, normals are turned to the viewer.
  *
+ * How exact it is. Vertices are taken from their part's frame into the picture in double, and there
+ * to the nearest 1/256 pixel; coverage follows from those by the exact rule of raster.h. Depth is
+ * a float across the box. Between two surfaces that are nearer to each other than 2/256 pixel, or
+ * than 10^-6 of the box's depth, rounding decides which is seen; between equal depths the lower
+ * number does, and equal triangles under equal matrices have equal depths. Positions are computed
+ * from the vertices in double and rounded to float once, relative to the frame's origin; they lie
+ * on their triangle, at most 1/256 pixel from the pixel's centre. Normals are those of the inverse
+ * transpose, to 0.01 degrees. So:
+ * - a scene scaled by a power of two has the same candidates, bit by bit;
+ * - scaled by anything else, moved, or mirrored together with the views: the same but for rounding.
+ *   A vertex that is within 10^-9 of half way between two steps of 1/256 pixel may go to the other
+ *   one, and with it a pixel whose centre its edges touch; positions differ by a few ulps of the
+ *   box's largest coordinate. Moved by D, box and matrix are doubles there: add 2^-52 D;
+ * - a needle too thin to hold a pixel's centre leaves no candidate, and its neighbours no gap;
+ * - what is smaller than a pixel of the node leaves none either: a part of 10^-9 beside one of 10^9
+ *   must be a node of its own.
+ *
  * A hierarchy has thousands of nodes, most of them small. What they share is made once:
  * pbs_surfaces. What a node needs for itself is kept from node to node, since fresh memory costs
  * as much as drawing: pbs_gbuffers, one for each thread that has nodes drawn.
