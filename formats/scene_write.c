@@ -189,7 +189,7 @@ pbs_code pbs_scene_writer_new(pbs_run *run, pbs_writer *w, const pbs_scene_optio
     s->root = PBS_NONE;
     if (options) s->options = *options;
     s->sink = (pbs_sink){s,        run,      put_texture, miss_texture, put_material, part_begin,
-                         triangle, part_end, assembly,    root,         skip};
+                         triangle, part_end, assembly,    root,         skip,         false};
     pbs_code rc = pbs_builder_new(run, w, &s->builder, err);
     if (!rc) return PBS_OK;
     pbs_scene_writer_free(s);

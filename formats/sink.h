@@ -72,6 +72,8 @@ typedef struct pbs_sink {
                          uint32_t *node, pbs_err *err);
     pbs_code (*root)(void *ctx, uint32_t node, pbs_err *err);
     void (*skip)(void *ctx, pbs_skip kind, uint64_t count);
+    bool mapped; /* the bytes that the reader gets are a file's map, whose pages a pbs_trim may let
+                    go (formats/scratch.h) */
 } pbs_sink;
 
 /* A reader. path is for messages and for finding files beside it; bytes is the whole file, mapped
