@@ -11,7 +11,7 @@ static struct module {
     const char *name, *libraries;
     const void *table; /* once it is open; modules are never closed */
 } modules[] = {
-    {"gltf", "tinygltf and Draco", NULL},
+    {"gltf", "simdjson, tinygltf, Draco and meshoptimizer", NULL},
     {"image", "OpenImageIO", NULL},
     {"exr", "OpenEXR", NULL},
 };

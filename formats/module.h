@@ -20,7 +20,7 @@ extern "C" {
     ((int)(1000000 + 10000 * sizeof(pbs_run) + 100 * sizeof(pbs_sink) + sizeof(pbs_err) +          \
            sizeof(pbs_exr_part)))
 
-/* gltf.so: tinygltf and Draco. */
+/* gltf.so: simdjson, tinygltf, Draco and meshoptimizer. */
 typedef struct pbs_module_gltf {
     int abi;
     pbs_import_fn import;

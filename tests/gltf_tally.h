@@ -201,6 +201,7 @@ static inline pbs_code import_file(tally *t, const char *path, pbs_err *err) {
     if (fd < 0 || fstat(fd, &st)) return pbs_fail_errno(err, "%s", path);
     void *p = st.st_size ? mmap(NULL, (size_t)st.st_size, PROT_READ, MAP_PRIVATE, fd, 0) : NULL;
     close(fd);
+    t->sink.mapped = true;
     pbs_code rc = pbs_import_gltf(path, p, (size_t)st.st_size, &t->sink, err);
     if (p) munmap(p, (size_t)st.st_size);
     return rc;

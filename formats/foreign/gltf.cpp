@@ -228,11 +228,13 @@ void reader::begin() {
 }
 
 void reader::read(const void *data, size_t size) {
+    if (sink_->mapped) doc_.map = {(const uint8_t *)data, size};
     open_container(doc_, data, size, err_);
     try {
         find_lists(doc_, err_);
         counted memory(run_, bytes_for_json * doc_.head.size(), "the scene's JSON", err_);
         begin();
+        let_go_of_files();
         for (int32_t n : doc_.roots) walk(n);
         children_.clear();
         for (int32_t n : doc_.roots)

@@ -86,6 +86,9 @@ struct primitive {
     uint64_t corners = 0, triangles = 0; /* corners: those that triangles use */
 
     uint64_t corner(uint64_t i) const { return index ? load_index(index.at(i), index.type) : i; }
+    uint64_t corner_bytes() const {
+        return position.element + normal.element + uv.element + colour.element + index.element;
+    }
     /* The three corners of triangle t. */
     void triangle(uint64_t t, uint64_t out[3]) const;
 };
@@ -121,6 +124,8 @@ class reader {
     void place_stream(stream &s, const accessor_entry &a);
     void open_sparse(stream &s, const sparse_entry &sp);
     bool find_file(const std::string &uri, mapping &file);
+    void touch(uint64_t size);
+    void let_go_of_files();
 
     /* gltf_meshopt.cpp. What slice() gave lives until the next forget_views(). */
     bytes decoded_view(int view);
@@ -157,6 +162,7 @@ class reader {
     const pbs_sink *sink_;
     pbs_run *run_;
     pbs_err *err_;
+    uint64_t touched_ = 0;
     document doc_;
     tinygltf::Model head_;
 

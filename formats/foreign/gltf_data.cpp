@@ -34,6 +34,10 @@ bool mapping::open(const std::string &path) {
     return true;
 }
 
+void let_go(const bytes &map) {
+    if (map.data) madvise((void *)map.data, map.size, MADV_DONTNEED);
+}
+
 static int hex_digit(char c) {
     return c >= '0' && c <= '9'                 ? c - '0'
            : (c | 32) >= 'a' && (c | 32) <= 'f' ? (c | 32) - 'a' + 10
@@ -70,6 +74,17 @@ bool reader::find_file(const std::string &uri, mapping &file) {
     if (slashes != plain && slashes[0] != '/' && file.open(folder_ + slashes)) return true;
     errno = first;
     return false;
+}
+
+void reader::touch(uint64_t size) {
+    touched_ += size;
+    if (touched_ > hold_bytes) let_go_of_files();
+}
+
+void reader::let_go_of_files() {
+    touched_ = 0;
+    let_go(doc_.map);
+    for (const loaded_buffer &b : buffers_) let_go(b.file.view());
 }
 
 const bytes &reader::buffer(int i) {

@@ -23,6 +23,12 @@ struct bytes {
     uint64_t size = 0;
 };
 
+/* Of a map of a file: its pages stay in the system's cache and come back from there, but they are
+ * no more this program's memory. Nothing happens to bytes without data. */
+void let_go(const bytes &map);
+/* Pages are held for so many bytes that were looked at. */
+static constexpr uint64_t hold_bytes = 32 << 20;
+
 /* A growing array of plain values, counted by the run; places in it fit 32 bits. */
 template <class T> class list {
   public:
@@ -141,6 +147,7 @@ struct document {
 
     std::string_view json; /* of the whole file */
     bytes bin;             /* of a GLB */
+    bytes map;             /* the whole file, if it is a map */
     /* The lists as they are in the file; empty: not there. */
     struct {
         std::string_view buffers, images, views, accessors, meshes, nodes, materials, animations,

@@ -82,6 +82,7 @@ static void decode_attribute(pbs_run *run, const draco::Mesh &mesh, int id, stre
 
 void reader::decode_draco(const primitive_entry &p, int uv_set, primitive &out) {
     bytes in = whole_view(p.draco_view);
+    touch(in.size);
     uint32_t faces = 0, points = 0;
     bool known = peek(in, faces, points);
     if (known && p.mode == TINYGLTF_MODE_TRIANGLES && out.index &&

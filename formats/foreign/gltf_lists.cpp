@@ -47,19 +47,26 @@ void find_lists(document &doc, pbs_err *err) {
             if (key == k) doc.head.append("\"").append(key).append("\":").append(v).append(",");
     });
     if (s.p != s.end) s.bad();
+    let_go(doc.map);
     doc.head.back() = '}';
     if (doc.head.size() == 1) doc.head = "{  }"; /* tinygltf takes nothing shorter */
 }
 
 /* f(scanner, i) for every element of a list, which f has to step over. */
 template <class F>
-static void walk(const char *what, std::string_view text, pbs_run *run, pbs_err *err, F f) {
+static void walk(const document &doc, const char *what, std::string_view text, pbs_run *run,
+                 pbs_err *err, F f) {
     if (text.empty() || text == "null") return;
     if (text[0] != '[') fail(err, PBS_DATA, "%s is not a list", what);
     scanner s(text, err);
+    const char *held = s.p;
     size_t i = 0;
     s.elements([&] {
         if (i % 256 == 0) check(pbs_run_check(run, err));
+        if ((uint64_t)(s.p - held) > hold_bytes) {
+            let_go(doc.map);
+            held = s.p;
+        }
         f(s, i++);
     });
 }
@@ -110,7 +117,7 @@ static const size_t batch_size = 1 << 16;
 /* Objects on their way to simdjson. */
 class batch {
   public:
-    batch(pbs_run *run, pbs_err *err) : run_(run), err_(err) {}
+    batch(const document &doc, pbs_run *run, pbs_err *err) : doc_(doc), run_(run), err_(err) {}
     ~batch() { pbs_mem_give(run_, counted_); }
 
     /* add(object, i) for every object of a list, whose members are only those in keep (ends with
@@ -120,7 +127,7 @@ class batch {
              F add) {
         first_ = 0;
         used_ = objects_ = 0;
-        walk(list, text, run_, err_, [&](scanner &s, size_t i) {
+        walk(doc_, list, text, run_, err_, [&](scanner &s, size_t i) {
             if (*s.p != '{') fail(err_, PBS_DATA, "%s %zu is not an object", what, i);
             if (used_ > batch_size) flush(what, add);
             copy(s, keep);
@@ -179,6 +186,7 @@ class batch {
         used_ = objects_ = 0;
     }
 
+    const document &doc_;
     pbs_run *run_;
     pbs_err *err_;
     array<char> text_;
@@ -190,7 +198,7 @@ class batch {
 static void read_animations(document &doc, batch &objects, table &t, pbs_run *run, pbs_err *err) {
     static const char *const channel[] = {"sampler", "target", nullptr};
     static const char *const sampler[] = {"output", "interpolation", nullptr};
-    walk("animations", doc.lists.animations, run, err, [&](scanner &s, size_t i) {
+    walk(doc, "animations", doc.lists.animations, run, err, [&](scanner &s, size_t i) {
         std::string_view channels, samplers;
         std::string place = "animation " + std::to_string(i);
         bool valid = each_member(s.value(), err, [&](std::string_view key, std::string_view v) {
@@ -216,13 +224,13 @@ static void read_scene(document &doc, batch &objects, table &t, int32_t scene) {
 }
 
 void read_lists(document &doc, int32_t scene, pbs_run *run, pbs_err *err) {
-    walk("buffers", doc.lists.buffers, run, err,
+    walk(doc, "buffers", doc.lists.buffers, run, err,
          [&](scanner &s, size_t i) { doc.buffers.push(parse_buffer(s.value(), i, err)); });
-    walk("images", doc.lists.images, run, err,
+    walk(doc, "images", doc.lists.images, run, err,
          [&](scanner &s, size_t i) { doc.images.push(parse_image(doc, s.value(), i, err)); });
-    walk("materials", doc.lists.materials, run, err,
+    walk(doc, "materials", doc.lists.materials, run, err,
          [&](scanner &s, size_t) { doc.materials.push(s.value()); });
-    batch objects(run, err);
+    batch objects(doc, run, err);
     table t(doc, run, err);
     static const char *const keep[][9] = {
         {"buffer", "byteOffset", "byteLength", "byteStride", "extensions"},

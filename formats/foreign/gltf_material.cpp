@@ -94,6 +94,7 @@ uint32_t reader::image(int i) {
     std::string name = given ? given : "image " + std::to_string(i);
     if (e.view >= 0) {
         bytes b = whole_view(e.view);
+        touch(b.size);
         check(sink_->texture(sink_->ctx, name.c_str(), b.data, b.size, &id, err_));
     } else if (e.has_uri && is_data_uri(e.uri)) {
         uint64_t size = 0;

@@ -1,11 +1,15 @@
 /* gltf_mesh.cpp: a mesh becomes one part, its primitives become triangles. */
 #include "formats/foreign/gltf.hpp"
+#include <algorithm>
 #include <cmath>
 #include <cstring>
 
 namespace pbs::gltf {
 
 typedef unsigned long long ull;
+
+/* So many are read between two looks at what was read. */
+static const uint64_t block = 4096;
 
 void primitive::triangle(uint64_t t, uint64_t out[3]) const {
     /* The order of the standard, section 3.7.2.1. */
@@ -109,6 +113,8 @@ primitive reader::open_primitive(const primitive_entry &p) {
 void reader::bound(const primitive &p, pbs_box &box) {
     for (uint64_t i = 0; i < p.corners; i++) {
         if (i % 65536 == 0) check(pbs_run_check(run_, err_));
+        if (i % block == 0)
+            touch(std::min(block, p.corners - i) * (p.position.element + p.index.element));
         uint64_t v = p.corner(i);
         if (v >= p.position.count)
             fail(err_, PBS_DATA, "index %llu at place %llu, but there are %llu vertices", (ull)v,
@@ -163,6 +169,7 @@ void reader::emit(const primitive &p) {
     for (pbs_corner &c : corner) memset(c.colour, 255, sizeof c.colour);
     for (uint64_t t = 0; t < p.triangles; t++) {
         if (t % 65536 == 0) check(pbs_run_check(run_, err_));
+        if (t % block == 0) touch(3 * std::min(block, p.triangles - t) * p.corner_bytes());
         uint64_t v[3];
         p.triangle(t, v);
         for (int k = 0; k < 3; k++) load_corner(p, v[k], corner[k]);

@@ -74,6 +74,7 @@ bytes reader::decoded_view(int view) {
             ;
         view_bytes d = {array<uint8_t>(run_, size, "a decoded view", err_), v.meshopt, era_};
         decode(e, in, d.data.data(), err_);
+        touch(in.size);
         decoded_bytes_ += size;
         decoded_.push_back(std::move(d));
     });

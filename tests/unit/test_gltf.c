@@ -33,8 +33,9 @@ TEST(module_missing) {
     char *old = getenv("PBS_MODULES"), *keep = old ? strdup(old) : NULL;
     setenv("PBS_MODULES", "/nonexistent", 1);
     CHECK(pbs_module_open(&run, "gltf", 1000, &table, &err) == PBS_IO);
-    CHECK(!strcmp(err.text, "module gltf: not installed (looked in /nonexistent): install tinygltf "
-                            "and Draco and build again"));
+    CHECK(!strcmp(err.text,
+                  "module gltf: not installed (looked in /nonexistent): install simdjson, "
+                  "tinygltf, Draco and meshoptimizer and build again"));
     CHECK(table == NULL && pbs_mem_used(&run) == 0);
     CHECK(pbs_module_open(&run, "nothing", 0, &table, &err) == PBS_INTERNAL);
     if (keep)

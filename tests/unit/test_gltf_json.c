@@ -200,6 +200,46 @@ TEST(wrong_kinds) {
         }
 }
 
+static size_t held_by_files; /* bytes, when the part ended */
+static pbs_code note_held(void *ctx, uint32_t *node, pbs_err *e) {
+    unsigned long long size = 0, resident = 0, shared = 0;
+    FILE *f = fopen("/proc/self/statm", "r");
+    if (f && fscanf(f, "%llu %llu %llu", &size, &resident, &shared) == 3)
+        held_by_files = (size_t)shared * (size_t)sysconf(_SC_PAGESIZE);
+    if (f) fclose(f);
+    return tally_part_end(ctx, node, e);
+}
+
+/* A file that is larger than anybody's memory is never in it as a whole. */
+TEST(pages_of_a_map) {
+    NEED_GLTF;
+    enum { VERTICES = 6000000 };
+    char path[] = "/tmp/pbs-gltf-XXXXXX", json[512];
+    int fd = mkstemp(path);
+    if (fd < 0) SKIP("no /tmp");
+    uint32_t bin = VERTICES * 12,
+             n = (uint32_t)snprintf(
+                 json, sizeof json, "%-400s",
+                 "{\"asset\":{\"version\":\"2.0\"},\"buffers\":[{\"byteLength\":72000000}],"
+                 "\"nodes\":[{\"mesh\":0}],\"meshes\":[{\"primitives\":[{\"attributes\":{"
+                 "\"POSITION\":0}}]}],"
+                 "\"bufferViews\":[{\"buffer\":0,\"byteLength\":72000000}],\"accessors\":[{"
+                 "\"bufferView\":0,"
+                 "\"componentType\":5126,\"count\":6000000,\"type\":\"VEC3\"}]}");
+    const uint32_t head[] = {0x46546c67, 2, 28 + n + bin, n, 0x4e4f534a},
+                   tail[] = {bin, 0x004e4942};
+    bool made = write(fd, head, 20) == 20 && write(fd, json, n) == (ssize_t)n &&
+                write(fd, tail, 8) == 8 && !ftruncate(fd, 28 + (off_t)n + bin);
+    close(fd);
+    CHECK(made);
+    tally_begin(&seen);
+    seen.sink.part_end = note_held;
+    CHECK(!import_file(&seen, path, &err) && seen.triangles == VERTICES / 3);
+    CHECK_NUM(held_by_files < 60u << 20, held_by_files);
+    tally_end(&seen);
+    unlink(path);
+}
+
 #define DRACO "/usr/share/assimp/models/glTF2/draco/2CylinderEngine.gltf"
 
 /* With little memory decoded primitives are not kept but decoded again: the same triangles. */
