@@ -20,6 +20,7 @@
 #include "libcore/greedy.h"
 #include "libcore/greedy_inner.h"
 #include "libcore/pipe.h"
+#include <pthread.h>
 
 #ifndef PBS_GREEDY_NAME
 #define PBS_GREEDY_NAME(name) name
@@ -63,7 +64,7 @@ typedef struct worker {
     block *block;
     uint32_t *queue; /* leaves in reach of the candidate in question */
     size_t queued, room;
-    uint32_t rival[QUEUE]; /* those of them that may hold one that comes before it */
+    uint32_t rival[QUEUE + PBS_FAN]; /* those of them that may hold one that comes before it */
     size_t rivals;
 } worker;
 
@@ -338,14 +339,11 @@ static const list *neighbours(worker *w, size_t fan) {
 
 static void queue_fan(worker *w, const probe *p, size_t fan) {
     const pbs_fan *f = &w->g->t->fan[0][fan];
-    unsigned near = fan_near(f, p->at.p), before = near & fan_at_least(f, p->d);
-    for (; near; near &= near - 1) {
-        size_t leaf = fan * PBS_FAN + (unsigned)__builtin_ctz(near);
-        w->queue[w->queued++] = (uint32_t)leaf;
-        leaf_prefetch(w->g->t, leaf);
-    }
-    for (; before && w->rivals < QUEUE; before &= before - 1)
-        w->rival[w->rivals++] = (uint32_t)(fan * PBS_FAN) + (uint32_t)__builtin_ctz(before);
+    unsigned near = fan_near(f, p->at.p);
+    w->queued += mask_append(w->queue + w->queued, near, (uint32_t)(fan * PBS_FAN));
+    w->rivals +=
+        mask_append(w->rival + w->rivals, near & fan_at_least(f, p->d), (uint32_t)(fan * PBS_FAN));
+    if (w->rivals > QUEUE) w->rivals = QUEUE;
 }
 
 static void queue_below(worker *w, const probe *p, int level, size_t fan) {
@@ -369,13 +367,14 @@ static bool reach(worker *w, const probe *p) {
     }
     for (uint32_t i = 0; i < l->blocks; i++) {
         const block *b = &w->block[l->begin + i];
-        if (w->queued + PBS_FAN * PBS_FAN > w->room) return false;
+        if (w->queued + PBS_FAN * (PBS_FAN + 1) > w->room) return false;
         for (unsigned m = fan_near(&b->box, p->at.p); m; m &= m - 1) {
             uint32_t fan = b->fan[__builtin_ctz(m)];
             if (!w->alone && owner[fan] != w->number) return false;
             queue_fan(w, p, fan);
         }
     }
+    for (size_t i = 0; i < w->queued; i++) leaf_prefetch(t, w->queue[i]);
     return true;
 }
 
@@ -556,6 +555,8 @@ static pbs_code take_rest(pbs_greedy *g, pbs_err *err) {
 pbs_code PBS_GREEDY_NAME(pbs_greedy_run)(pbs_run *run, pbs_tree *t, size_t first, size_t wanted,
                                          pbs_layout *scratch, pbs_err *err) {
     pbs_greedy g = {.run = run, .t = t, .wanted = wanted};
+    static pthread_once_t once = PTHREAD_ONCE_INIT;
+    pthread_once(&once, mask_lanes_fill);
     layout(&g, t, t->points, scratch);
     g.parts = pbs_parts(run, t->fans[0], PART);
     pbs_code rc = take_first(&g, first, err);

@@ -69,6 +69,22 @@ static inline float fan_most(const pbs_fan *f) {
     return f8_most(f8_at(f->max));
 }
 
+/* Bit by bit, a list of what is in a mask ends where the CPU did not expect it. So all eight places
+ * are written, and only those that count are kept: out has room for 8 more. */
+static uint64_t mask_lanes[256]; /* the numbers of the bits that are set, one a byte */
+static inline void mask_lanes_fill(void) {
+    for (unsigned m = 0; m < 256; m++) {
+        mask_lanes[m] = 0;
+        for (unsigned bit = 8; bit--;)
+            if (m >> bit & 1) mask_lanes[m] = mask_lanes[m] << 8 | bit;
+    }
+}
+
+static inline size_t mask_append(uint32_t *out, unsigned mask, uint32_t base) {
+    i8_put_bytes(out, mask_lanes[mask], base);
+    return (size_t)__builtin_popcount(mask);
+}
+
 /* The box around those children. */
 static inline void fan_box(const pbs_fan *f, unsigned children, float low[3], float high[3]) {
     for (int k = 0; k < 3; k++) low[k] = INFINITY, high[k] = -INFINITY;

@@ -6,6 +6,7 @@
 #ifndef PBS_HILBERT_H
 #define PBS_HILBERT_H
 
+#include <pthread.h>
 #include <stdint.h>
 
 enum { PBS_HILBERT_AXIS = 8, PBS_HILBERT_BITS = 3 * PBS_HILBERT_AXIS };
@@ -30,7 +31,7 @@ static inline unsigned pbs_hilbert_level(unsigned octant, unsigned *state) {
     return w;
 }
 
-static inline void pbs_hilbert_init(pbs_hilbert *h) {
+static inline void pbs_hilbert_fill(pbs_hilbert *h) {
     for (unsigned v = 0; v < 1u << PBS_HILBERT_AXIS; v++) {
         h->spread[v] = 0;
         for (int b = 0; b < PBS_HILBERT_AXIS; b++) h->spread[v] |= (v >> b & 1) << (3 * b);
@@ -41,6 +42,17 @@ static inline void pbs_hilbert_init(pbs_hilbert *h) {
             unsigned low = pbs_hilbert_level(two & 7, &state);
             h->step[s][two] = (uint16_t)((high << 3 | low) << 5 | state);
         }
+}
+
+/* The tables; filled once in a process. */
+static pbs_hilbert pbs_hilbert_tables;
+static void pbs_hilbert_once(void) {
+    pbs_hilbert_fill(&pbs_hilbert_tables);
+}
+static inline const pbs_hilbert *pbs_hilbert_get(void) {
+    static pthread_once_t once = PTHREAD_ONCE_INIT;
+    pthread_once(&once, pbs_hilbert_once);
+    return &pbs_hilbert_tables;
 }
 
 static inline uint32_t pbs_hilbert_index(const pbs_hilbert *h, unsigned x, unsigned y, unsigned z) {

@@ -79,6 +79,11 @@ static inline void f8_to_pairs(int16_t *p, f8 a, f8 b) {
     __m256i high = _mm256_slli_epi32(_mm256_cvttps_epi32(b), 16);
     _mm256_storeu_si256((__m256i *)p, _mm256_or_si256(low, high));
 }
+/* p[i] = base + byte i */
+static inline void i8_put_bytes(uint32_t *p, uint64_t bytes, uint32_t base) {
+    __m256i v = _mm256_cvtepu8_epi32(_mm_cvtsi64_si128((long long)bytes));
+    _mm256_storeu_si256((__m256i *)p, _mm256_add_epi32(v, _mm256_set1_epi32((int)base)));
+}
 static inline float f8_most(f8 a) {
     __m128 m = _mm_max_ps(_mm256_castps256_ps128(a), _mm256_extractf128_ps(a, 1));
     m = _mm_max_ps(m, _mm_movehl_ps(m, m));
@@ -148,6 +153,9 @@ static inline void f8_of_pairs(const int16_t *p, f8 *a, f8 *b) {
 }
 static inline void f8_to_pairs(int16_t *p, f8 a, f8 b) {
     for (int i = 0; i < 8; i++) p[2 * i] = (int16_t)a.v[i], p[2 * i + 1] = (int16_t)b.v[i];
+}
+static inline void i8_put_bytes(uint32_t *p, uint64_t bytes, uint32_t base) {
+    for (int i = 0; i < 8; i++) p[i] = base + (uint32_t)(bytes >> 8 * i & 255);
 }
 static inline float f8_most(f8 a) {
     float m = a.v[0];

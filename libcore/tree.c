@@ -13,6 +13,7 @@
 
 enum { DIGIT = PBS_HILBERT_BITS / 2, DIGITS = PBS_TREE_DIGITS };
 enum { SMALL = 2 * PBS_LEAF /* points in a cell */, AHEAD = 48 /* entries to prefetch */ };
+enum { FEW = 1 << 13 /* so few that a count for each digit would be the most work */ };
 _Static_assert(1 << DIGIT == DIGITS, "two passes");
 
 /* Cubic cells over a box; per 0: the box has no size that a distance could tell. */
@@ -23,7 +24,7 @@ typedef struct cells {
 typedef struct sorter {
     pbs_tree *tree;
     const pbs_points *in;
-    pbs_hilbert curve;
+    const pbs_hilbert *curve;
     cells cells;
     uint64_t *from, *to; /* key << 32 | candidate */
     int shift, parts;
@@ -59,7 +60,7 @@ static void write_batch(const sorter *s, const cells *c, const batch *b, uint64_
         f8_to_int(cell[k], f8_min(v, last));
     }
     for (int i = 0; i < b->count; i++) {
-        uint32_t key = pbs_hilbert_index(&s->curve, (unsigned)cell[0][i], (unsigned)cell[1][i],
+        uint32_t key = pbs_hilbert_index(s->curve, (unsigned)cell[0][i], (unsigned)cell[1][i],
                                          (unsigned)cell[2][i]);
         out[i] = (uint64_t)key << 32 | b->id[i];
     }
@@ -236,11 +237,14 @@ static pbs_code sort(pbs_run *run, sorter *s, pbs_err *err) {
     float low[3], high[3];
     for (int k = 0; k < 3; k++) low[k] = (float)m->low[k], high[k] = (float)m->high[k];
     s->cells = cells_over(low, high);
-    pbs_hilbert_init(&s->curve);
+    s->curve = pbs_hilbert_get();
     pbs_code rc = first_valid(run, s, err);
     if (!rc) rc = pbs_parallel(run, (size_t)s->parts, write_keys, s, err);
-    for (int shift = 0; shift < PBS_HILBERT_BITS && !rc; shift += DIGIT)
-        rc = radix_pass(run, s, 32 + shift, err);
+    if (!rc && s->tree->points < FEW)
+        radix_small(s->from, s->to, s->tree->points);
+    else
+        for (int shift = 0; shift < PBS_HILBERT_BITS && !rc; shift += DIGIT)
+            rc = radix_pass(run, s, 32 + shift, err);
     if (!rc) first_runs(s);
     if (!rc) rc = pbs_parallel(run, (size_t)s->parts, refine_part, s, err);
     return rc;

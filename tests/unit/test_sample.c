@@ -1,6 +1,7 @@
 /* The sampler against brute force: the definition of the greedy permutation, point by point. */
 #include "libcore/candidates.h"
 #include "libcore/greedy.h"
+#include "libcore/pipe.h"
 #include "libcore/rng.h"
 #include "libcore/sample.h"
 #include "libcore/vec.h"
@@ -304,7 +305,53 @@ TEST(portable_and_avx2_are_the_same) {
     CHECK(!memcmp(t[0].leaf, t[1].leaf, t[0].leaves * sizeof *t[0].leaf));
     CHECK(!memcmp(t[0].normal, t[1].normal, t[0].leaves * sizeof *t[0].normal));
     CHECK(!memcmp(t[0].id, t[1].id, t[0].leaves * PBS_LEAF * sizeof *t[0].id));
+    for (int i = 0; i < 2; i++) {
+        answer *out = i ? &a : &b;
+        pbs_layout l = {0};
+        memset(&out->r, 0, sizeof out->r);
+        pbs_greedy_result_layout(MOST, 1900, &l);
+        void *scratch;
+        CHECK(!pbs_alloc(&run, &scratch, l.used, 1, "test", NULL));
+        l = (pbs_layout){scratch, 0};
+        CHECK(!(i ? pbs_greedy_result_avx2 : pbs_greedy_result)(
+            &run, &t[i], 7, 1900, &l, out->order, out->spacing, &out->r, NULL));
+        pbs_free(&run, scratch);
+    }
+    CHECK(a.r.count == 1900 && same(&a, &b));
     for (int i = 0; i < 2; i++) pbs_free(&run, block[i]);
+}
+
+typedef struct nodes {
+    pbs_run run;
+    pbs_points points;
+    answer part[6];
+} nodes;
+
+/* Node i is a prefix of the candidates, of another length each. */
+static pbs_code sample_node(void *ctx, size_t i, int thread, pbs_err *err) {
+    (void)thread;
+    nodes *n = ctx;
+    pbs_sampler *s;
+    pbs_points in = n->points;
+    pbs_sample_params p = {.count = 700 * i + 40, .normal_weight = 1, .node = (uint32_t)i};
+    in.count = 3000 * i + 100;
+    pbs_code rc = pbs_sampler_new(&n->run, &s, err);
+    answer *out = &n->part[i];
+    if (!rc) rc = pbs_sample(s, &in, &p, out->order, out->spacing, &out->r, err);
+    pbs_sampler_free(s);
+    return rc;
+}
+
+TEST(samplers_work_beside_each_other) {
+    static nodes n[2];
+    begin(&c);
+    sphere(&c, MOST);
+    for (int k = 0; k < 2; k++) {
+        n[k].points = c.points;
+        n[k].run.threads = k ? 3 : 1;
+        CHECK(!pbs_parallel(&n[k].run, 6, sample_node, &n[k], NULL));
+    }
+    for (int i = 0; i < 6; i++) CHECK_NUM(same(&n[0].part[i], &n[1].part[i]), i);
 }
 
 TEST(a_prefix_is_the_result_of_a_smaller_count) {
