@@ -15,19 +15,33 @@
  * parts touch the same leaf. */
 typedef struct walk {
     const pbs_cover *c;
-    probe p;
+    pbs_place at;
+    size_t slot;
     uint32_t rank;
     f8 most; /* d above this are not asked for */
     size_t first, end;
 } walk;
+
+/* Without its d, which another thread may be changing. */
+static inline void walk_to(walk *w, const pbs_cover_surfel *s) {
+    const pbs_tree *t = w->c->tree;
+    size_t leaf = s->slot / PBS_LEAF, k = s->slot % PBS_LEAF;
+    const pbs_leaf *l = &t->leaf[leaf];
+    w->at = (pbs_place){{l->x[k], l->y[k], l->z[k]}, {0}};
+    w->slot = s->slot;
+    w->rank = s->rank;
+    if (!t->normal) return;
+    memcpy(w->at.n, t->normal[leaf].xy[k], 4);
+    memcpy(w->at.n + 2, t->normal[leaf].z0[k], 4);
+}
 
 /* What the normals make of the squares of the plain distances. */
 static inline f8 lanes_stretch(const walk *w, size_t leaf, int k, f8 d2) {
     const pbs_tree *t = w->c->tree;
     if (!t->normal) return d2;
     const pbs_leaf_normals *n = &t->normal[leaf];
-    if (w->c->kind != PBS_COVER_SIDE) return leaf_stretch(&t->metric, n, k, &w->p.at, d2);
-    f8 dot = f8_dot16(n->xy[8 * k], n->z0[8 * k], w->p.at.n);
+    if (w->c->kind != PBS_COVER_SIDE) return leaf_stretch(&t->metric, n, k, &w->at, d2);
+    f8 dot = f8_dot16(n->xy[8 * k], n->z0[8 * k], w->at.n);
     return f8_if_less(f8_all(0), dot, d2, f8_all(INFINITY));
 }
 
@@ -54,7 +68,7 @@ static inline void cover_lanes(const walk *w, size_t leaf) {
 #pragma GCC unroll 4
     for (int k = 0; k < VECTORS; k++) {
         old[k] = f8_at(l->d + 8 * k);
-        d2[k] = leaf_euclid(l, k, &w->p.at);
+        d2[k] = leaf_euclid(l, k, &w->at);
         far &= f8_less(old[k], d2[k]);
     }
     if (far == 255) return;
@@ -74,12 +88,12 @@ static inline void cover_lanes(const walk *w, size_t leaf) {
 
 /* A surfel's own slot is left as it was where only the others count; its leaf's maximum with it. */
 static void cover_leaf(const walk *w, size_t leaf) {
-    if (w->c->kind != PBS_COVER_OTHERS || w->p.slot / PBS_LEAF != leaf) {
+    if (w->c->kind != PBS_COVER_OTHERS || w->slot / PBS_LEAF != leaf) {
         cover_lanes(w, leaf);
         return;
     }
-    float *d = &w->c->tree->leaf[leaf].d[w->p.slot % PBS_LEAF], d_before = *d;
-    uint32_t *owner = &w->c->owner[w->p.slot], owner_before = *owner;
+    float *d = &w->c->tree->leaf[leaf].d[w->slot % PBS_LEAF], d_before = *d;
+    uint32_t *owner = &w->c->owner[w->slot], owner_before = *owner;
     cover_lanes(w, leaf);
     *d = d_before, *owner = owner_before;
     float *max = &w->c->tree->fan[0][leaf / PBS_FAN].max[leaf % PBS_FAN];
@@ -89,7 +103,7 @@ static void cover_leaf(const walk *w, size_t leaf) {
 static void cover_fan(const walk *w, int level, size_t fan) {
     const pbs_fan *f = &w->c->tree->fan[level][fan];
     f8 limit = f8_min(f8_at(f->max), w->most);
-    unsigned near = ~f8_less(limit, fan_d2(f, w->p.at.p)) & 255;
+    unsigned near = ~f8_less(limit, fan_d2(f, w->at.p)) & 255;
     for (; near; near &= near - 1) {
         size_t child = fan * PBS_FAN + (unsigned)__builtin_ctz(near);
         if (!level) {
@@ -120,8 +134,7 @@ static pbs_code cover_part(void *ctx, size_t i, int thread, pbs_err *err) {
     w.first = pbs_part_begin(t->fans[0], s->parts, i);
     w.end = pbs_part_end(t->fans[0], s->parts, i);
     for (size_t k = 0; k < s->count; k++) {
-        probe_set(&w.p, t, s->surfels[k].slot);
-        w.rank = s->surfels[k].rank;
+        walk_to(&w, &s->surfels[k]);
         cover_fan(&w, t->levels - 1, 0);
     }
     return PBS_OK;
