@@ -1,6 +1,7 @@
 /* pbs-flatten: surfels of one or more streams into one archive in the player's order. */
 #include "cmd/tool.h"
 #include "formats/node.h"
+#include "formats/octaves.h"
 #include "formats/points.h"
 #include <stdlib.h>
 #include <string.h>
@@ -22,6 +23,7 @@ typedef struct entry {
     size_t input;
     size_t first_chunk, end_chunk; /* of the input's directory: its points are among these */
     bool has_points;
+    uint64_t octaves; /* entries of them; 0: it has none */
 } entry;
 
 typedef struct job {
@@ -85,6 +87,13 @@ static pbs_code add_node(job *j, entry e, const pbs_chunk *at, uint64_t points, 
         pbs_node_free(&j->app->run, &e.node);
         return rc;
     }
+    pbs_record octave = pbs_octave_record(in->record.channels);
+    if (e.octaves && e.octaves != pbs_octave_entries(&octave, points)) {
+        rc = pbs_fail(err, PBS_DATA, "%s: node %u has %llu entries of octaves", name, e.node.id,
+                      (unsigned long long)e.octaves);
+        pbs_node_free(&j->app->run, &e.node);
+        return rc;
+    }
     e.has_points = points != 0;
     e.node.id += in->first_node;
     for (uint32_t k = 0; k < e.node.child_count; k++) e.node.children[k].node += in->first_node;
@@ -104,28 +113,40 @@ static pbs_code check_points(const job *j, const input *in, const pbs_chunk *c, 
     return pbs_points_fit(name, &in->record, c, have, err);
 }
 
+static pbs_code check_octaves(const job *j, const input *in, const pbs_chunk *c, uint64_t have,
+                              pbs_err *err) {
+    const char *name = pbs_reader_name(in->reader);
+    pbs_record octave = pbs_octave_record(in->record.channels);
+    if (c->node != j->entry_count - in->first_node || !octave.stride)
+        return pbs_fail(err, PBS_DATA, "%s: octaves of node %u are not expected", name, c->node);
+    return pbs_points_fit(name, &octave, c, have, err);
+}
+
 static pbs_code take_input(job *j, size_t i, pbs_err *err) {
     input *in = &j->inputs[i];
     const char *name = pbs_reader_name(in->reader);
     in->first_node = (uint32_t)j->entry_count;
     size_t first = 0;
-    uint64_t points = 0;
+    uint64_t points = 0, octaves = 0;
     for (size_t k = 0; k < in->entry_count; k++) {
         const pbs_chunk *c = &in->entries[k];
         pbs_code rc = PBS_OK;
         if (c->tag == PBS_TAG_POINTS) {
             rc = check_points(j, in, c, points, err);
             points += c->count;
+        } else if (c->tag == PBS_TAG_OCTAVES) {
+            rc = check_octaves(j, in, c, octaves, err);
+            octaves += c->count;
         } else if (c->tag == PBS_TAG_NODE) {
-            entry e = {.input = i, .first_chunk = first, .end_chunk = k};
+            entry e = {.input = i, .first_chunk = first, .end_chunk = k, .octaves = octaves};
             rc = add_node(j, e, c, points, err);
             first = k + 1;
-            points = 0;
+            points = octaves = 0;
         } else
             j->others++;
         if (rc) return rc;
     }
-    if (points) return pbs_fail(err, PBS_DATA, "%s: points without a node", name);
+    if (points || octaves) return pbs_fail(err, PBS_DATA, "%s: points without a node", name);
     if (j->entry_count == in->first_node) return pbs_fail(err, PBS_DATA, "%s: no node in it", name);
     return PBS_OK;
 }
@@ -165,23 +186,35 @@ static void fill_absent(const job *j, uint32_t have, pbs_points *p) {
     }
 }
 
-static pbs_code load_points(const job *j, const entry *e, pbs_points *p, pbs_err *err) {
+/* The records of a node's chunks with a tag, in p's arrays of the channels `all`, which have room
+ * for `count`. */
+static pbs_code load_records(const job *j, const entry *e, uint32_t tag, const pbs_record *record,
+                             uint32_t all, uint64_t count, pbs_points *p, pbs_err *err) {
     const input *in = &j->inputs[e->input];
-    const char *name = pbs_reader_name(in->reader), *fault;
-    pbs_code rc = pbs_points_alloc(&j->app->run, j->out.channels, (size_t)e->node.records, p, err);
+    const char *name = pbs_reader_name(in->reader);
+    pbs_code rc = pbs_points_alloc(&j->app->run, all, (size_t)count, p, err);
     p->count = 0;
     for (size_t k = e->first_chunk; k < e->end_chunk && !rc; k++) {
         pbs_chunk c;
-        if (in->entries[k].tag != PBS_TAG_POINTS) continue;
+        if (in->entries[k].tag != tag) continue;
         rc = pbs_reader_at(in->reader, &in->entries[k], &c, err);
-        if (!rc) rc = pbs_points_read(name, &in->record, &c, p, NULL, err);
+        if (!rc) rc = pbs_points_read(name, record, &c, p, NULL, err);
     }
-    if (!rc && (fault = pbs_points_fault(p, 0)))
-        rc = pbs_fail(err, PBS_DATA, "%s: node %u: %s", name, e->node.id - in->first_node, fault);
     if (rc)
         pbs_points_free(&j->app->run, p);
     else
-        fill_absent(j, in->record.channels, p);
+        fill_absent(j, record->channels, p);
+    return rc;
+}
+
+static pbs_code load_points(const job *j, const entry *e, pbs_points *p, pbs_err *err) {
+    const input *in = &j->inputs[e->input];
+    const char *name = pbs_reader_name(in->reader), *fault;
+    pbs_code rc =
+        load_records(j, e, PBS_TAG_POINTS, &in->record, j->out.channels, e->node.records, p, err);
+    if (!rc && (fault = pbs_points_fault(p, 0)))
+        rc = pbs_fail(err, PBS_DATA, "%s: node %u: %s", name, e->node.id - in->first_node, fault);
+    if (rc) pbs_points_free(&j->app->run, p);
     return rc;
 }
 
@@ -212,10 +245,23 @@ static void measure_error(job *j, const pbs_points *p, const pbs_lattice *l) {
     j->bound = fmax(j->bound, sqrt(3) / 2 * l->step);
 }
 
+static pbs_code write_octaves(job *j, const entry *e, pbs_err *err) {
+    if (!e->octaves) return PBS_OK;
+    pbs_points p;
+    pbs_record from = pbs_octave_record(j->inputs[e->input].record.channels);
+    pbs_record to = pbs_octave_record(j->out.channels);
+    pbs_code rc = load_records(j, e, PBS_TAG_OCTAVES, &from, to.channels, e->octaves, &p, err);
+    if (rc) return rc;
+    rc = pbs_octaves_write(&j->app->run, j->w, &to, e->node.id, &p, PBS_ARCHIVE_CHUNK, err);
+    pbs_points_free(&j->app->run, &p);
+    return rc;
+}
+
 static pbs_code write_points(job *j, const entry *e, pbs_err *err) {
     if (!e->has_points) return PBS_OK;
     pbs_points p;
-    pbs_code rc = load_points(j, e, &p, err);
+    pbs_code rc = write_octaves(j, e, err);
+    if (!rc) rc = load_points(j, e, &p, err);
     if (rc) return rc;
     pbs_lattice l = lattice_of(&e->node);
     measure_error(j, &p, &l);
@@ -241,7 +287,8 @@ static pbs_code open_writer(job *j, pbs_err *err) {
     uint64_t chunks = j->entry_count + j->others;
     for (size_t i = 0; i < j->entry_count; i++)
         if (j->entries[i].has_points)
-            chunks += pbs_points_chunks(j->entries[i].node.records, PBS_ARCHIVE_CHUNK);
+            chunks += pbs_points_chunks(j->entries[i].node.records, PBS_ARCHIVE_CHUNK) +
+                      pbs_points_chunks(j->entries[i].octaves, PBS_ARCHIVE_CHUNK);
     char channels[256], *history = history_of(j);
     if (!history) return pbs_fail(err, PBS_LIMIT, "no memory");
     pbs_record_text(&j->out, channels);
@@ -262,7 +309,8 @@ static pbs_code write_others(job *j, const input *in, pbs_err *err) {
     pbs_code rc = PBS_OK;
     for (size_t i = 0; i < in->entry_count && !rc; i++) {
         pbs_chunk c;
-        if (in->entries[i].tag == PBS_TAG_NODE || in->entries[i].tag == PBS_TAG_POINTS) continue;
+        uint32_t tag = in->entries[i].tag;
+        if (tag == PBS_TAG_NODE || tag == PBS_TAG_POINTS || tag == PBS_TAG_OCTAVES) continue;
         rc = pbs_reader_at(in->reader, &in->entries[i], &c, err);
         pbs_piece piece = {c.payload, (size_t)c.bytes};
         if (c.node != PBS_NONE) c.node += in->first_node;

@@ -7,12 +7,17 @@
 
 typedef struct options {
     bool ignore_missing;
+    uint64_t split, group;
     const char *depend, *target;
 } options;
 
 static const pbs_option table[] = {
     {0, "ignore-missing", PBS_FLAG, offsetof(options, ignore_missing), NULL,
      "go on without textures that are not there", 0, 0, NULL, true},
+    {0, "split", PBS_COUNT, offsetof(options, split), "N",
+     "cut parts with more triangles into parts (0: never)", 0, 0, NULL, true},
+    {0, "group", PBS_COUNT, offsetof(options, group), "N",
+     "group the children of assemblies with more (0: never)", 0, 0, NULL, true},
     {0, "depend", PBS_TEXT, offsetof(options, depend), "FILE",
      "write a rule for make: which files were read", 0, 0, NULL, false},
     {0, "depend-target", PBS_TEXT, offsetof(options, target), "NAME",
@@ -31,7 +36,7 @@ static const pbs_tool tool = {"pbs-import",
 static pbs_code import(pbs_app *app, pbs_input *in, pbs_writer *w, const options *o, pbs_depend *d,
                        pbs_err *err) {
     pbs_scene_writer *sw;
-    pbs_scene_options so = {o->ignore_missing};
+    pbs_scene_options so = {o->ignore_missing, o->split, o->group};
     pbs_code rc = pbs_scene_writer_new(&app->run, w, &so, &sw, err);
     if (rc) return rc;
     rc = pbs_import_input(in, pbs_operand(app, 0), pbs_scene_sink(sw), err);
@@ -46,6 +51,10 @@ static pbs_code import(pbs_app *app, pbs_input *in, pbs_writer *w, const options
         pbs_stat_count(app, "nodes", t.nodes);
         pbs_stat_count(app, "triangles", t.triangles);
         pbs_stat_count(app, "triangles_stored", t.stored);
+        pbs_stat_count(app, "parts_unified", t.parts_unified);
+        pbs_stat_count(app, "assemblies_unified", t.assemblies_unified);
+        pbs_stat_count(app, "parts_split", t.parts_split);
+        pbs_stat_count(app, "groups", t.groups);
         pbs_stat_count(app, "bytes", pbs_writer_bytes(w));
         pbs_note_skips(app, in->name, t.skipped);
     }
@@ -81,6 +90,7 @@ static pbs_code work(pbs_app *app, void *opt, pbs_err *err) {
 }
 
 int main(int argc, char **argv) {
-    options o = {0};
+    const pbs_scene_options defaults = PBS_SCENE_DEFAULTS;
+    options o = {.split = defaults.split, .group = defaults.group};
     return pbs_tool_main(argc, argv, &tool, &o, work);
 }

@@ -1,8 +1,11 @@
-/* pbs-sample: candidates to ordered surfels (paper 1, section 3.2), node by node. */
+/* pbs-sample: candidates to ordered surfels (paper 1, sections 3.2 and 3.4), node by node. */
+#include "cmd/quality.h"
 #include "cmd/tool.h"
+#include "formats/below.h"
 #include "formats/exr.h"
 #include "formats/node.h"
 #include "formats/points.h"
+#include "libcore/lod.h"
 #include "libcore/sample.h"
 #include "libcore/spacing.h"
 #include <string.h>
@@ -12,13 +15,15 @@ typedef struct options {
     uint64_t count, seed, subset;
     int method;
     double normal_weight;
+    bool no_octaves;
+    const char *measure;
 } options;
 
 static const char *const methods[] = {"greedy", "paper", "random", NULL}; /* as pbs_method */
 
 static const pbs_option table[] = {
-    {'n', "count", PBS_COUNT, offsetof(options, count), "N", "surfels wanted (default 100k)", 1,
-     4e9, NULL, true},
+    {'n', "count", PBS_COUNT, offsetof(options, count), "N",
+     "surfels of a node, at most (default: what pbs-gbuffer was told)", 1, 4e9, NULL, true},
     {0, "method", PBS_CHOICE, offsetof(options, method), "METHOD", "how surfels are chosen", 0, 0,
      methods, true},
     {'w', "normal-weight", PBS_REAL, offsetof(options, normal_weight), "W",
@@ -27,6 +32,10 @@ static const pbs_option table[] = {
      "candidates a round of the paper's method looks at (default 200)", 1, 1e6, NULL, true},
     {0, "seed", PBS_COUNT, offsetof(options, seed), "N", "another first surfel (default 0)", 0,
      9e15, NULL, true},
+    {0, "no-octaves", PBS_FLAG, offsetof(options, no_octaves), NULL,
+     "write no averaged colours and normals for early prefixes", 0, 0, NULL, true},
+    {0, "measure", PBS_TEXT, offsetof(options, measure), "FILE",
+     "write measures of prefixes of every node as tab-separated values", 0, 0, NULL, false},
 };
 
 static const pbs_tool tool = {"pbs-sample",
@@ -43,10 +52,16 @@ typedef struct job {
     const options *o;
     pbs_writer *w;
     pbs_sampler *sampler;
+    pbs_quality quality;
     pbs_record in, out;
     pbs_points candidates; /* of the node that is being read */
     size_t cap;
-    uint64_t total_in, total_out, duplicates, invalid, nodes;
+    pbs_node *nodes; /* so far, without names */
+    uint64_t *used;  /* nodes with surfels below each of them, itself included */
+    size_t node_count, nodes_cap, used_cap;
+    pbs_keep *keep; /* NULL until a node asks for it */
+    pbs_below *below;
+    uint64_t total_in, total_out, duplicates, invalid, sampled, splats;
     double covering, min_spacing, median;
 } job;
 
@@ -67,7 +82,7 @@ static void gather(const pbs_points *from, const uint32_t *order, const float *s
 
 static void add_totals(job *j, const pbs_sample_result *r, const pbs_points *surfels,
                        const pbs_spacing *even) {
-    j->nodes++;
+    j->sampled++;
     j->total_in += j->candidates.count;
     j->total_out += r->count;
     j->duplicates += r->duplicates;
@@ -76,6 +91,15 @@ static void add_totals(job *j, const pbs_sample_result *r, const pbs_points *sur
     j->median = fmax(j->median, even->median);
     for (size_t i = 1; i < surfels->count; i++)
         if (!(j->min_spacing <= surfels->spacing[i])) j->min_spacing = surfels->spacing[i];
+}
+
+static pbs_code keep(job *j, uint32_t node, const pbs_points *surfels, double covering,
+                     pbs_err *err) {
+    pbs_run *run = &j->app->run;
+    pbs_code rc = PBS_OK;
+    if (!j->keep) rc = pbs_keep_new(run, j->out.channels, &j->keep, err);
+    if (!rc && !j->below) rc = pbs_below_new(run, j->keep, &j->below, err);
+    return rc ? rc : pbs_keep_put(j->keep, node, surfels, covering, err);
 }
 
 static pbs_code emit(job *j, pbs_node *node, const uint32_t *order, const float *spacing,
@@ -88,27 +112,38 @@ static pbs_code emit(job *j, pbs_node *node, const uint32_t *order, const float 
     gather(&j->candidates, order, spacing, &surfels);
     pbs_spacing_of_prefix(&surfels, &even);
     rc = pbs_points_write(run, j->w, &j->out, node->id, &surfels, 0, PBS_POINTS_CHUNK, NULL, err);
+    if (!rc && node->flags & PBS_NODE_USED) rc = keep(j, node->id, &surfels, r->covering, err);
     add_totals(j, r, &surfels, &even);
     pbs_points_free(run, &surfels);
     node->records = r->count;
+    node->flags = 0;
     node->covering = r->covering;
     node->median = even.median;
     node->median_count = even.count;
+    if (!rc)
+        rc = pbs_quality_node(&j->quality, j->w, node, j->sampler, &j->candidates, order, spacing,
+                              r->count, err);
     return rc ? rc : pbs_node_write(run, j->w, node, err);
 }
 
-static pbs_sample_params params_of(const job *j, uint32_t node) {
-    return (pbs_sample_params){.count = j->o->count,
+/* What the user asks for, but not more than the node should have. */
+static size_t count_of(const job *j, const pbs_node *node) {
+    uint64_t n = j->o->count ? j->o->count : node->wanted ? node->wanted : PBS_LOD_DEFAULT.most;
+    return node->wanted && node->wanted < n ? node->wanted : (size_t)n;
+}
+
+static pbs_sample_params params_of(const job *j, const pbs_node *node) {
+    return (pbs_sample_params){.count = count_of(j, node),
                                .method = (pbs_method)j->o->method,
                                .normal_weight = (float)j->o->normal_weight,
                                .seed = j->o->seed,
-                               .node = node,
+                               .node = node->id,
                                .subset = (uint32_t)j->o->subset};
 }
 
 static pbs_code sample_node(job *j, pbs_node *node, pbs_err *err) {
     pbs_run *run = &j->app->run;
-    pbs_sample_params p = params_of(j, node->id);
+    pbs_sample_params p = params_of(j, node);
     size_t n = j->candidates.count < p.count ? j->candidates.count : (size_t)p.count;
     uint32_t *order = NULL;
     float *spacing = NULL;
@@ -117,7 +152,9 @@ static pbs_code sample_node(job *j, pbs_node *node, pbs_err *err) {
     int threads = run->threads;
     if (j->candidates.count < 100000) run->threads = 1;
     pbs_code rc =
-        pbs_mem_plan(run, pbs_sample_need(j->candidates.count, &p) + n * (8 + j->out.stride),
+        pbs_mem_plan(run,
+                     pbs_sample_need(j->candidates.count, &p) + n * (8 + j->out.stride) +
+                         pbs_quality_need(&j->quality, j->in.channels, j->candidates.count, n),
                      "the sampler", err);
     if (!rc) rc = pbs_alloc(run, &order, n, sizeof *order, "the order", err);
     if (!rc) rc = pbs_alloc(run, &spacing, n, sizeof *spacing, "the spacing", err);
@@ -146,9 +183,9 @@ static pbs_code open_writer(job *j, const char *history, pbs_err *err) {
 }
 
 static pbs_code take_points(job *j, const char *name, const pbs_chunk *c, pbs_err *err) {
-    if (c->node != j->nodes)
+    if (c->node != j->node_count)
         return pbs_fail(err, PBS_DATA, "%s: points of node %u where %llu is expected", name,
-                        c->node, (unsigned long long)j->nodes);
+                        c->node, (unsigned long long)j->node_count);
     pbs_code rc = pbs_points_fit(name, &j->in, c, j->candidates.count, err);
     if (!rc)
         rc = pbs_points_grow(&j->app->run, j->in.channels, &j->candidates, &j->cap,
@@ -156,15 +193,45 @@ static pbs_code take_points(job *j, const char *name, const pbs_chunk *c, pbs_er
     return rc ? rc : pbs_points_read(name, &j->in, c, &j->candidates, NULL, err);
 }
 
+/* What later nodes have to know of this one. */
+static pbs_code note_node(job *j, const pbs_node *node, pbs_err *err) {
+    pbs_run *run = &j->app->run;
+    size_t n = j->node_count + 1;
+    pbs_code rc = pbs_grow(run, &j->nodes, &j->nodes_cap, n, sizeof *j->nodes, "the nodes", err);
+    if (!rc) rc = pbs_grow(run, &j->used, &j->used_cap, n, sizeof *j->used, "the nodes", err);
+    if (rc) return rc;
+    uint64_t used = node->wanted != 0;
+    for (uint32_t i = 0; i < node->child_count; i++)
+        if (__builtin_add_overflow(used, j->used[node->children[i].node], &used)) used = UINT64_MAX;
+    j->used[j->node_count] = used;
+    j->nodes[j->node_count++] = *node;
+    return PBS_OK;
+}
+
+/* Surfels of the nodes below, as candidates beside those of the node's own geometry. */
+static pbs_code add_below(job *j, const pbs_node *node, pbs_err *err) {
+    if (!(node->flags & PBS_NODE_BELOW) || !j->below) return PBS_OK;
+    return pbs_below_add(j->below, j->nodes, j->used, node->id, j->in.channels, &j->candidates,
+                         &j->cap, &j->splats, err);
+}
+
 static pbs_code take_node(job *j, const char *name, const pbs_chunk *c, pbs_err *err) {
     pbs_node node;
-    pbs_code rc = pbs_node_read(&j->app->run, name, c, (uint32_t)j->nodes, &node, err);
+    pbs_code rc = pbs_node_read(&j->app->run, name, c, (uint32_t)j->node_count, &node, err);
     if (rc) return rc;
     if (node.records != j->candidates.count)
         rc = pbs_fail(err, PBS_DATA, "%s: node %u has %llu points and not %llu", name, node.id,
                       (unsigned long long)j->candidates.count, (unsigned long long)node.records);
-    if (!rc) rc = sample_node(j, &node, err);
-    pbs_node_free(&j->app->run, &node);
+    if (!rc) rc = note_node(j, &node, err);
+    if (rc) {
+        pbs_node_free(&j->app->run, &node);
+        return rc;
+    }
+    rc = add_below(j, &node, err);
+    if (!rc && j->candidates.count)
+        rc = sample_node(j, &node, err);
+    else if (!rc)
+        rc = pbs_node_write(&j->app->run, j->w, &node, err);
     return rc;
 }
 
@@ -188,12 +255,14 @@ static pbs_code make_room(job *j, pbs_reader *r, pbs_err *err) {
         most = points > most ? points : most;
     }
     if (rc || most > pbs_reader_bytes(r)) return rc; /* a damaged directory promises nothing */
-    pbs_sample_params p = params_of(j, 0);
+    pbs_sample_params p = params_of(j, &(pbs_node){0});
     size_t wanted = most < p.count ? (size_t)most : p.count;
     size_t buffers = (size_t)2 << 20;
     rc = pbs_mem_plan(&j->app->run,
                       (size_t)most * j->in.stride + pbs_sample_need((size_t)most, &p) +
-                          wanted * (8 + j->out.stride) + buffers,
+                          wanted * (8 + j->out.stride) +
+                          pbs_quality_need(&j->quality, j->in.channels, (size_t)most, wanted) +
+                          buffers,
                       pbs_reader_name(r), err);
     return rc ? rc
               : pbs_points_grow(&j->app->run, j->in.channels, &j->candidates, &j->cap, (size_t)most,
@@ -222,9 +291,9 @@ static pbs_code sample_stream(job *j, pbs_err *err) {
         else
             rc = take_other(j, &c, err);
     }
-    if (!rc && (j->candidates.count || !j->nodes))
+    if (!rc && (j->candidates.count || !j->node_count))
         rc = pbs_fail(err, PBS_DATA, "%s: %s", name,
-                      j->nodes ? "points without a node" : "no node in it");
+                      j->node_count ? "points without a node" : "no node in it");
     pbs_reader_close(r);
     return rc;
 }
@@ -259,13 +328,15 @@ static pbs_code sample_exr(job *j, pbs_err *err) {
 
 static void add_stats(job *j) {
     pbs_app *app = j->app;
-    pbs_stat_count(app, "nodes", j->nodes);
+    pbs_stat_count(app, "nodes", j->node_count);
+    pbs_stat_count(app, "nodes_sampled", j->sampled);
+    if (j->splats) pbs_stat_count(app, "surfels_splatted", j->splats);
     pbs_stat_count(app, "candidates", j->total_in);
     pbs_stat_count(app, "surfels", j->total_out);
     pbs_stat_count(app, "candidates_coincident", j->duplicates);
     pbs_stat_count(app, "candidates_invalid", j->invalid);
     pbs_stat_real(app, "covering_radius", j->covering);
-    pbs_stat_real(app, "min_spacing", j->total_out > j->nodes ? j->min_spacing : 0);
+    pbs_stat_real(app, "min_spacing", j->total_out > j->sampled ? j->min_spacing : 0);
     pbs_stat_real(app, "median_spacing_1000", j->median);
     pbs_stat_count(app, "bytes", pbs_writer_bytes(j->w));
     if (j->invalid)
@@ -273,26 +344,40 @@ static void add_stats(job *j) {
                  (unsigned long long)j->invalid);
 }
 
+static pbs_code sample_all(job *j, pbs_err *err) {
+    pbs_app *app = j->app;
+    if (is_exr(pbs_operand(app, 0))) return sample_exr(j, err);
+    if (app->common.operand_count > 1)
+        return pbs_fail(err, PBS_USAGE, "%s: one file of candidates, or any number of EXR files",
+                        pbs_operand(app, 1));
+    return sample_stream(j, err);
+}
+
 static pbs_code work(pbs_app *app, void *opt, pbs_err *err) {
     job j = {.app = app, .o = opt, .min_spacing = NAN};
+    j.quality = (pbs_quality){.run = &app->run,
+                              .octaves = !j.o->no_octaves,
+                              .measure = j.o->measure,
+                              .normal_weight = (float)j.o->normal_weight};
     pbs_code rc = pbs_sampler_new(&app->run, &j.sampler, err);
-    if (rc) return rc;
-    if (is_exr(pbs_operand(app, 0)))
-        rc = sample_exr(&j, err);
-    else if (app->common.operand_count > 1)
-        rc = pbs_fail(err, PBS_USAGE, "%s: one file of candidates, or any number of EXR files",
-                      pbs_operand(app, 1));
-    else
-        rc = sample_stream(&j, err);
+    if (!rc) rc = pbs_quality_open(&j.quality, err);
+    if (!rc) rc = sample_all(&j, err);
     if (!rc) rc = pbs_writer_commit(j.w, err);
+    if (!rc) rc = pbs_quality_commit(&j.quality, err);
     if (!rc) add_stats(&j);
     pbs_writer_close(j.w);
+    pbs_quality_close(&j.quality);
     pbs_points_free(&app->run, &j.candidates);
     pbs_sampler_free(j.sampler);
+    for (size_t i = 0; i < j.node_count; i++) pbs_node_free(&app->run, &j.nodes[i]);
+    pbs_free(&app->run, j.nodes);
+    pbs_free(&app->run, j.used);
+    pbs_below_free(j.below);
+    pbs_keep_free(j.keep);
     return rc;
 }
 
 int main(int argc, char **argv) {
-    options o = {.count = 100000, .normal_weight = 1, .subset = 200};
+    options o = {.normal_weight = 1, .subset = 200};
     return pbs_tool_main(argc, argv, &tool, &o, work);
 }

@@ -9,7 +9,13 @@ static pbs_code count_nodes(pbs_archive *a, const pbs_chunk *e, size_t n, pbs_er
     pbs_code rc = pbs_alloc(a->run, &a->nodes, count, sizeof *a->nodes, "the nodes", err);
     if (!rc) rc = pbs_alloc(a->run, &a->records, count, sizeof *a->records, "the nodes", err);
     if (!rc) rc = pbs_alloc(a->run, &a->joined, count, sizeof *a->joined, "the nodes", err);
+    if (!rc) rc = pbs_alloc(a->run, &a->octaves, count, sizeof *a->octaves, "the nodes", err);
+    if (!rc)
+        rc = pbs_alloc(a->run, &a->joined_octaves, count, sizeof *a->joined_octaves, "the nodes",
+                       err);
     if (rc) return rc;
+    memset(a->octaves, 0, count * sizeof *a->octaves);
+    memset(a->joined_octaves, 0, count * sizeof *a->joined_octaves);
     memset(a->records, 0, count * sizeof *a->records);
     memset(a->joined, 0, count * sizeof *a->joined);
     return PBS_OK;
@@ -29,6 +35,23 @@ static pbs_code read_nodes(pbs_archive *a, const pbs_chunk *e, size_t n, pbs_err
     return PBS_OK;
 }
 
+/* Puts a chunk's records behind those that are there; all: how many there will be. */
+static pbs_code join(pbs_archive *a, const pbs_chunk *c, uint64_t all, uint32_t stride,
+                     const uint8_t **records, uint8_t **joined, pbs_err *err) {
+    if (c->count == all) {
+        *records = c->payload;
+        return PBS_OK;
+    }
+    if (!*joined) {
+        pbs_code rc = pbs_alloc(a->run, joined, (size_t)all, stride, "a node's surfels", err);
+        if (rc) return rc;
+        memset(*joined, 0, (size_t)all * stride);
+    }
+    memcpy(*joined + (size_t)c->first * stride, c->payload, (size_t)c->bytes);
+    *records = *joined;
+    return PBS_OK;
+}
+
 /* seen: points of each node so far, which they follow in order. */
 static pbs_code take_points(pbs_archive *a, const pbs_chunk *c, uint64_t *seen, pbs_err *err) {
     const pbs_node *n = c->node < a->node_count ? &a->nodes[c->node] : NULL;
@@ -37,20 +60,19 @@ static pbs_code take_points(pbs_archive *a, const pbs_chunk *c, uint64_t *seen, 
         return pbs_fail(err, PBS_DATA, "%s: points of node %u do not fit it",
                         pbs_reader_name(a->reader), c->node);
     seen[c->node] += c->count;
-    if (c->count == n->records) {
-        a->records[c->node] = c->payload;
-        return PBS_OK;
-    }
-    pbs_code rc;
-    uint8_t **joined = &a->joined[c->node];
-    if (!*joined) {
-        rc = pbs_alloc(a->run, joined, n->records, a->record.stride, "a node's surfels", err);
-        if (rc) return rc;
-        memset(*joined, 0, (size_t)n->records * a->record.stride);
-    }
-    memcpy(*joined + (size_t)c->first * a->record.stride, c->payload, (size_t)c->bytes);
-    a->records[c->node] = *joined;
-    return PBS_OK;
+    return join(a, c, n->records, a->record.stride, &a->records[c->node], &a->joined[c->node], err);
+}
+
+static pbs_code take_octaves(pbs_archive *a, const pbs_chunk *c, uint64_t *seen, pbs_err *err) {
+    const pbs_node *n = c->node < a->node_count ? &a->nodes[c->node] : NULL;
+    uint64_t all = n ? pbs_octave_entries(&a->octave, n->records) : 0;
+    if (!n || !c->count || c->bytes != (uint64_t)c->count * a->octave.stride ||
+        c->first != seen[c->node] || c->count > all - seen[c->node])
+        return pbs_fail(err, PBS_DATA, "%s: octaves of node %u do not fit it",
+                        pbs_reader_name(a->reader), c->node);
+    seen[c->node] += c->count;
+    return join(a, c, all, a->octave.stride, &a->octaves[c->node], &a->joined_octaves[c->node],
+                err);
 }
 
 /* Before any room is taken: what nodes promise must be in the file. */
@@ -68,17 +90,29 @@ static pbs_code check_counts(const pbs_archive *a, const pbs_chunk *e, size_t n,
                     pbs_reader_name(a->reader));
 }
 
+static pbs_code read_tag(pbs_archive *a, const pbs_chunk *e, size_t n, uint32_t tag, uint64_t *seen,
+                         pbs_err *err) {
+    memset(seen, 0, a->node_count * sizeof *seen);
+    pbs_code rc = PBS_OK;
+    for (size_t i = 0; !rc && i < n; i++) {
+        pbs_chunk c;
+        if (e[i].tag != tag) continue;
+        rc = pbs_reader_at(a->reader, &e[i], &c, err);
+        if (!rc) rc = (tag == PBS_TAG_POINTS ? take_points : take_octaves)(a, &c, seen, err);
+    }
+    return rc;
+}
+
 static pbs_code read_points(pbs_archive *a, const pbs_chunk *e, size_t n, pbs_err *err) {
     uint64_t *seen;
     pbs_code rc = pbs_alloc(a->run, &seen, a->node_count, sizeof *seen, "the nodes", err);
     if (rc) return rc;
-    memset(seen, 0, a->node_count * sizeof *seen);
-    for (size_t i = 0; !rc && i < n; i++) {
-        pbs_chunk c;
-        if (e[i].tag != PBS_TAG_POINTS) continue;
-        rc = pbs_reader_at(a->reader, &e[i], &c, err);
-        if (!rc) rc = take_points(a, &c, seen, err);
-    }
+    rc = read_tag(a, e, n, PBS_TAG_POINTS, seen, err);
+    if (!rc) rc = read_tag(a, e, n, PBS_TAG_OCTAVES, seen, err);
+    for (size_t i = 0; !rc && i < a->node_count; i++)
+        if (seen[i] && seen[i] != pbs_octave_entries(&a->octave, a->nodes[i].records))
+            rc = pbs_fail(err, PBS_DATA, "%s: octaves of node %zu are not all there",
+                          pbs_reader_name(a->reader), i);
     pbs_free(a->run, seen);
     return rc;
 }
@@ -90,6 +124,7 @@ static pbs_code read_archive(pbs_archive *a, pbs_err *err) {
     pbs_code rc = pbs_record_parse(name, pbs_reader_channels(a->reader), &a->record, err);
     if (!rc && !a->record.packed)
         rc = pbs_fail(err, PBS_DATA, "%s: not an archive's records", name);
+    if (!rc) a->octave = pbs_octave_record(a->record.channels);
     if (!rc) rc = pbs_reader_directory(a->reader, &e, &n, err);
     if (!rc) rc = count_nodes(a, e, n, err);
     if (!rc) rc = read_nodes(a, e, n, err);
@@ -100,6 +135,14 @@ static pbs_code read_archive(pbs_archive *a, pbs_err *err) {
 static uint64_t own_records(const void *ctx, uint32_t node) {
     const pbs_archive *a = ctx;
     return a->records[node] != NULL;
+}
+
+static uint64_t own_moving(const void *ctx, uint32_t node) {
+    const pbs_archive *a = ctx;
+    uint64_t n = 0;
+    for (uint32_t i = 0; i < a->nodes[node].child_count; i++)
+        n += !!(a->nodes[node].children[i].flags & PBS_CHILD_MOVES);
+    return n;
 }
 
 pbs_code pbs_archive_open(pbs_run *run, const char *path, pbs_archive *a, pbs_err *err) {
@@ -115,6 +158,7 @@ pbs_code pbs_archive_open(pbs_run *run, const char *path, pbs_archive *a, pbs_er
     rc = pbs_reader_open(run, &in, PBS_KIND(PBS_ARCHIVE), &a->reader, err);
     if (!rc) rc = read_archive(a, err);
     if (!rc) rc = pbs_dag_count(run, a->nodes, a->node_count, own_records, a, &a->placings, err);
+    if (!rc) rc = pbs_dag_count(run, a->nodes, a->node_count, own_moving, a, &a->moving, err);
     if (rc) pbs_archive_close(a);
     return rc;
 }
@@ -123,11 +167,15 @@ void pbs_archive_close(pbs_archive *a) {
     for (size_t i = 0; i < a->node_count; i++) {
         pbs_node_free(a->run, &a->nodes[i]);
         pbs_free(a->run, a->joined[i]);
+        pbs_free(a->run, a->joined_octaves[i]);
     }
     pbs_free(a->run, a->nodes);
     pbs_free(a->run, a->records);
     pbs_free(a->run, a->placings);
+    pbs_free(a->run, a->moving);
     pbs_free(a->run, a->joined);
+    pbs_free(a->run, a->octaves);
+    pbs_free(a->run, a->joined_octaves);
     pbs_reader_close(a->reader);
     memset(a, 0, sizeof *a);
 }

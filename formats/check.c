@@ -1,6 +1,7 @@
 #include "formats/check.h"
 #include "formats/meshbuild.h"
 #include "formats/node.h"
+#include "formats/octaves.h"
 #include "formats/points.h"
 #include "formats/scene.h"
 #include <string.h>
@@ -8,6 +9,7 @@
 typedef struct node_state {
     uint64_t records;  /* seen so far */
     uint64_t promised; /* by the node; in archives it comes first */
+    uint64_t entries;  /* of octaves, seen so far */
     pbs_lattice lattice;
 } node_state;
 
@@ -72,6 +74,16 @@ static pbs_code check_points(state *s, const pbs_chunk *c, pbs_err *err) {
     return rc;
 }
 
+static pbs_code check_octaves(state *s, const pbs_chunk *c, pbs_err *err) {
+    if (!s->has_records) return bad(s, c, "octaves in a file of another kind", err);
+    node_state *n = &s->nodes[c->node];
+    pbs_record entry = pbs_octave_record(s->record.channels);
+    if (n->entries != c->first || c->bytes != (uint64_t)c->count * entry.stride || !entry.stride)
+        return bad(s, c, "does not fit the octaves before", err);
+    n->entries += c->count;
+    return PBS_OK;
+}
+
 /* In streams a node follows its points; in archives it comes before them. */
 static pbs_code check_node(state *s, const pbs_chunk *c, pbs_err *err) {
     pbs_node n;
@@ -112,7 +124,7 @@ static pbs_code check_texture(state *s, const pbs_chunk *c, pbs_err *err) {
 }
 
 static pbs_code check_chunk(state *s, const pbs_chunk *c, pbs_err *err) {
-    bool data = c->tag == PBS_TAG_POINTS || c->tag == PBS_TAG_MESH;
+    bool data = c->tag == PBS_TAG_POINTS || c->tag == PBS_TAG_MESH || c->tag == PBS_TAG_OCTAVES;
     pbs_code rc = PBS_OK;
     if (data && s->archive && c->node >= s->out->nodes)
         return bad(s, c, "there is no such node before it", err);
@@ -123,6 +135,7 @@ static pbs_code check_chunk(state *s, const pbs_chunk *c, pbs_err *err) {
     if (rc) return rc;
     if (c->tag == PBS_TAG_NODE) return check_node(s, c, err);
     if (c->tag == PBS_TAG_POINTS) return check_points(s, c, err);
+    if (c->tag == PBS_TAG_OCTAVES) return check_octaves(s, c, err);
     if (c->tag == PBS_TAG_MESH) return check_mesh(s, c, err);
     if (c->tag == PBS_TAG_MATERIAL) return check_material(s, c, err);
     if (c->tag == PBS_TAG_TEXTURE) return check_texture(s, c, err);
@@ -130,11 +143,18 @@ static pbs_code check_chunk(state *s, const pbs_chunk *c, pbs_err *err) {
 }
 
 static pbs_code check_promises(const state *s, pbs_err *err) {
-    for (uint64_t i = 0; i < s->out->nodes; i++)
+    pbs_record entry = pbs_octave_record(s->record.channels);
+    for (uint64_t i = 0; i < s->out->nodes; i++) {
+        uint64_t entries = s->nodes[i].entries;
+        if (entries && entries != pbs_octave_entries(&entry, s->nodes[i].records))
+            return pbs_fail(err, PBS_DATA, "%s: node %llu has %llu entries of octaves and not %llu",
+                            s->name, (unsigned long long)i, (unsigned long long)entries,
+                            (unsigned long long)pbs_octave_entries(&entry, s->nodes[i].records));
         if (s->nodes[i].records != s->nodes[i].promised)
             return pbs_fail(err, PBS_DATA, "%s: node %llu has %llu records of %llu", s->name,
                             (unsigned long long)i, (unsigned long long)s->nodes[i].records,
                             (unsigned long long)s->nodes[i].promised);
+    }
     return PBS_OK;
 }
 

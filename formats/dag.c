@@ -25,13 +25,11 @@ static pbs_code push(stack *s, uint32_t node, const double m[12], pbs_err *err) 
 
 /* Children have smaller ids than their parents, so the stack is never higher than there are
  * nodes. */
-pbs_code pbs_dag_walk(pbs_run *run, const pbs_node *nodes, size_t count,
-                      pbs_code (*visit)(void *ctx, uint32_t node, const double m[12], bool *descend,
-                                        pbs_err *err),
+pbs_code pbs_dag_walk(pbs_run *run, const pbs_node *nodes, size_t count, pbs_visit_fn visit,
                       void *ctx, pbs_err *err) {
     stack s = {.run = run};
     bool descend = true;
-    pbs_code rc = visit(ctx, (uint32_t)count - 1, PBS_IDENTITY, &descend, err);
+    pbs_code rc = visit(ctx, (uint32_t)count - 1, PBS_IDENTITY, 0, &descend, err);
     if (!rc && descend) rc = push(&s, (uint32_t)count - 1, PBS_IDENTITY, err);
     for (uint32_t step = 1; s.depth && !rc; step++) {
         if (step % 4096 == 0 && (rc = pbs_run_check(run, err))) break;
@@ -45,7 +43,7 @@ pbs_code pbs_dag_walk(pbs_run *run, const pbs_node *nodes, size_t count,
         double m[12];
         pbs_xform_mul(m, f->m, c->m);
         descend = true;
-        rc = visit(ctx, c->node, m, &descend, err);
+        rc = visit(ctx, c->node, m, c->flags, &descend, err);
         if (!rc && descend && nodes[c->node].child_count) rc = push(&s, c->node, m, err);
     }
     pbs_free(run, s.frames);

@@ -4,12 +4,14 @@
 
 #include "formats/node.h"
 
-/* visit is called for every placing, parents first, children in order, with the transform from
- * the node's coordinates to the root's; what it returns in *descend decides whether the node's
- * children follow. No recursion: hierarchies may be deeper than the stack. */
-pbs_code pbs_dag_walk(pbs_run *run, const pbs_node *nodes, size_t count,
-                      pbs_code (*visit)(void *ctx, uint32_t node, const double m[12], bool *descend,
-                                        pbs_err *err),
+/* Called for every placing, parents first, children in order: m takes the node's coordinates to the
+ * top's, flags are those of the placing (of the top: 0). What it returns in *descend decides
+ * whether the node's children follow. */
+typedef pbs_code (*pbs_visit_fn)(void *ctx, uint32_t node, const double m[12], uint32_t flags,
+                                 bool *descend, pbs_err *err);
+
+/* From the last of `count` nodes down. No recursion: hierarchies may be deeper than the stack. */
+pbs_code pbs_dag_walk(pbs_run *run, const pbs_node *nodes, size_t count, pbs_visit_fn visit,
                       void *ctx, pbs_err *err);
 
 /* How often things are placed below each node, when node i itself has own(ctx, i) of them; a walk

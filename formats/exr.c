@@ -91,6 +91,11 @@ static int fill_parts(const pbs_gbuffer_view *v, float *data, pbs_exr_plane *pla
     return parts;
 }
 
+pbs_code pbs_exr_folder(const char *dir, pbs_err *err) {
+    if (mkdir(dir, 0777) && errno != EEXIST) return pbs_fail_errno(err, "%s", dir);
+    return PBS_OK;
+}
+
 pbs_code pbs_exr_write_view(pbs_run *run, const char *dir, const double origin[3],
                             const pbs_gbuffer_view *v, pbs_err *err) {
     const pbs_module_exr *exr;
@@ -102,7 +107,7 @@ pbs_code pbs_exr_write_view(pbs_run *run, const char *dir, const double origin[3
     pbs_code rc = pbs_module_open(run, "exr", OPENEXR_BYTES, &module, err);
     if (rc) return rc;
     exr = module;
-    if (mkdir(dir, 0777) && errno != EEXIST) return pbs_fail_errno(err, "%s", dir);
+    if ((rc = pbs_exr_folder(dir, err))) return rc;
     snprintf(path, sizeof path, "%s/view%d.exr", dir, v->view);
     rc = pbs_alloc(run, &data, (size_t)v->width * v->height * PLANES, sizeof *data,
                    "the planes of an EXR file", err);

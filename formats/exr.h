@@ -10,7 +10,10 @@
 
 #include "libcore/gbuffer.h"
 
-/* Writes DIR/NAME. */
+/* Makes a folder, if it is not there. */
+pbs_code pbs_exr_folder(const char *dir, pbs_err *err);
+
+/* Writes DIR/view0.exr and so on; DIR is made if it is not there. */
 pbs_code pbs_exr_write_view(pbs_run *run, const char *dir, const double origin[3],
                             const pbs_gbuffer_view *view, pbs_err *err);
 

@@ -8,6 +8,8 @@
 
 /* How many elements a reader handles between two looks at run->cancel. */
 enum { PBS_CHECK_EVERY = 1 << 16 };
+/* How many elements that may be anywhere in a map it reads between two calls of pbs_trim_now. */
+enum { PBS_TRIM_EVERY = 1 << 8 };
 
 typedef struct pbs_faces {
     const pbs_sink *sink;

@@ -8,45 +8,41 @@
  * last index u16x3 a triangle. */
 enum { HEAD = 16, HAS_NORMAL = 1, HAS_UV = 2, HAS_COLOUR = 4, HAS_MATERIAL = 8, HAS_ALL = 15 };
 
-#define SLOTS (4u * PBS_MESH_VERTICES) /* of the hash table: a quarter full at most */
+#define SLOTS (2u * PBS_MESH_VERTICES) /* of the hash table: half full at most */
 
-typedef struct vertex {
-    float position[3], uv[2];
-    int16_t normal[2];
-    uint8_t colour[4];
-} vertex; /* 28 bytes, no padding: compared and hashed as bytes */
+typedef pbs_vertex vertex;
+_Static_assert(sizeof(vertex) == 28, "vertices are compared and hashed as bytes");
 
 struct pbs_builder {
     pbs_run *run;
-    pbs_writer *w;
-    uint32_t node, corners;
+    pbs_mesh_out to;
+    uint32_t corners;
     double origin[3];
     pbs_box box;
     uint64_t part_triangles, skipped[PBS_SKIP_KINDS];
     uint32_t vertices, triangles;
     bool mixed, has_normal; /* materials differ; any corner had a usable normal */
-    uint32_t generation;
-    uint32_t *slot;       /* vertex + 1 */
-    uint32_t *slot_stamp; /* generation in which slot is valid: clearing costs nothing */
+    uint16_t generation;
+    uint32_t *slot; /* vertex, and above it the generation in which it is valid: clearing costs
+                       nothing */
     vertex *vertex;
     uint16_t *index;
     uint32_t *material;
     uint8_t *payload;
 };
 
-pbs_code pbs_builder_new(pbs_run *run, pbs_writer *w, pbs_builder **out, pbs_err *err) {
+pbs_code pbs_builder_new(pbs_run *run, pbs_mesh_out to, pbs_builder **out, pbs_err *err) {
     pbs_builder *b = *out = calloc(1, sizeof *b);
     if (!b) return pbs_fail(err, PBS_LIMIT, "no memory");
     b->run = run;
-    b->w = w;
+    b->to = to;
     const char *what = "the mesh builder";
     pbs_code rc = pbs_alloc(run, &b->slot, SLOTS, 4, what, err);
-    if (!rc) rc = pbs_alloc(run, &b->slot_stamp, SLOTS, 4, what, err);
     if (!rc) rc = pbs_alloc(run, &b->vertex, PBS_MESH_VERTICES, sizeof(vertex), what, err);
     if (!rc) rc = pbs_alloc(run, &b->index, PBS_MESH_TRIANGLES * 3, 2, what, err);
     if (!rc) rc = pbs_alloc(run, &b->material, PBS_MESH_TRIANGLES, 4, what, err);
     if (!rc) rc = pbs_alloc(run, &b->payload, PBS_MESH_VERTICES, 28, what, err);
-    if (!rc) memset(b->slot_stamp, 0, SLOTS * sizeof *b->slot_stamp);
+    if (!rc) memset(b->slot, 0, SLOTS * sizeof *b->slot);
     if (!rc) return PBS_OK;
     pbs_builder_free(b);
     *out = NULL;
@@ -56,7 +52,6 @@ pbs_code pbs_builder_new(pbs_run *run, pbs_writer *w, pbs_builder **out, pbs_err
 void pbs_builder_free(pbs_builder *b) {
     if (!b) return;
     pbs_free(b->run, b->slot);
-    pbs_free(b->run, b->slot_stamp);
     pbs_free(b->run, b->vertex);
     pbs_free(b->run, b->index);
     pbs_free(b->run, b->material);
@@ -67,14 +62,13 @@ void pbs_builder_free(pbs_builder *b) {
 static void start_mesh(pbs_builder *b) {
     b->vertices = b->triangles = 0;
     b->mixed = b->has_normal = false;
-    if (!++b->generation) { /* wrapped: stamps of 2^32 meshes ago would look valid */
-        memset(b->slot_stamp, 0, SLOTS * sizeof *b->slot_stamp);
+    if (!++b->generation) { /* wrapped: those of 2^16 meshes ago would look valid */
+        memset(b->slot, 0, SLOTS * sizeof *b->slot);
         b->generation = 1;
     }
 }
 
-void pbs_builder_begin(pbs_builder *b, uint32_t node, const double origin[3], uint32_t corners) {
-    b->node = node;
+void pbs_builder_begin(pbs_builder *b, const double origin[3], uint32_t corners) {
     b->corners = corners;
     memcpy(b->origin, origin, sizeof b->origin);
     b->box = PBS_BOX_EMPTY;
@@ -110,37 +104,34 @@ static pbs_code emit(pbs_builder *b, pbs_err *err) {
                           {b->payload, (size_t)(end - b->payload)},
                           {b->material, b->mixed ? b->triangles * 4ul : 0},
                           {b->index, b->triangles * 6ul}};
-    pbs_chunk c = {.tag = PBS_TAG_MESH,
-                   .node = b->node,
-                   .count = b->triangles,
-                   .first = (uint32_t)b->part_triangles};
     b->part_triangles += b->triangles;
-    pbs_code rc = pbs_writer_chunk(b->w, &c, piece, 4, err);
+    pbs_code rc = b->to.mesh(b->to.ctx, b->triangles, piece, 4, err);
     start_mesh(b);
     return rc;
 }
 
 /* ---- taking ---- */
 
+/* Read in the widths in which it was just written: wider ones would wait for that. */
 static uint32_t hash(const vertex *v) {
-    uint64_t h = 0x9e3779b97f4a7c15u, w[4] = {0};
-    memcpy(w, v, sizeof *v);
-    for (int i = 0; i < 4; i++) {
-        h = (h ^ w[i]) * 0xd6e8feb86659fd93u;
+    uint32_t w[8] = {0};
+    uint64_t h = 0x9e3779b97f4a7c15u;
+    for (int i = 0; i < 7; i++) memcpy(&w[i], (const char *)v + 4 * i, 4);
+    for (int i = 0; i < 8; i += 2) {
+        h = (h ^ ((uint64_t)w[i + 1] << 32 | w[i])) * 0xd6e8feb86659fd93u;
         h ^= h >> 32;
     }
     return (uint32_t)h;
 }
 
-/* The number of the vertex, which is new if no equal one is there. */
-static uint16_t weld(pbs_builder *b, const vertex *v) {
-    uint32_t s = hash(v) & (SLOTS - 1);
-    while (b->slot_stamp[s] == b->generation) {
-        if (!memcmp(&b->vertex[b->slot[s]], v, sizeof *v)) return (uint16_t)b->slot[s];
+/* The number of the vertex, which is new if no equal one is there. s: where to look first. */
+static uint16_t weld(pbs_builder *b, const vertex *v, uint32_t s) {
+    while (b->slot[s] >> 16 == b->generation) {
+        uint16_t i = (uint16_t)b->slot[s];
+        if (!memcmp(&b->vertex[i], v, sizeof *v)) return i;
         s = (s + 1) & (SLOTS - 1);
     }
-    b->slot_stamp[s] = b->generation;
-    b->slot[s] = b->vertices;
+    b->slot[s] = (uint32_t)b->generation << 16 | b->vertices;
     b->vertex[b->vertices] = *v;
     return (uint16_t)b->vertices++;
 }
@@ -156,15 +147,29 @@ static bool get_direction(const double v[3], float out[3]) {
     return s > 0;
 }
 
-static void face_normal(const pbs_corner c[3], float out[3]) {
-    double a[3], d[3], cross[3];
+static void cross_normal(const double a[3], const double d[3], float out[3]) {
+    double cross[3];
+    for (int k = 0; k < 3; k++)
+        cross[k] = a[(k + 1) % 3] * d[(k + 2) % 3] - a[(k + 2) % 3] * d[(k + 1) % 3];
+    if (!get_direction(cross, out)) out[0] = out[1] = out[2] = 0;
+}
+
+static void corner_face_normal(const pbs_corner c[3], float out[3]) {
+    double a[3], d[3];
     for (int k = 0; k < 3; k++) {
         a[k] = c[1].position[k] - c[0].position[k];
         d[k] = c[2].position[k] - c[0].position[k];
     }
-    for (int k = 0; k < 3; k++)
-        cross[k] = a[(k + 1) % 3] * d[(k + 2) % 3] - a[(k + 2) % 3] * d[(k + 1) % 3];
-    if (!get_direction(cross, out)) out[0] = out[1] = out[2] = 0;
+    cross_normal(a, d, out);
+}
+
+static void face_normal(const vertex v[3], float out[3]) {
+    double a[3], d[3];
+    for (int k = 0; k < 3; k++) {
+        a[k] = (double)v[1].position[k] - v[0].position[k];
+        d[k] = (double)v[2].position[k] - v[0].position[k];
+    }
+    cross_normal(a, d, out);
 }
 
 /* A corner without a usable normal gets the triangle's. */
@@ -178,7 +183,7 @@ static void corner_normal(pbs_builder *b, vertex v[3], const pbs_corner c[3]) {
             b->has_normal = true;
             continue;
         }
-        if (!have_face) face_normal(c, face);
+        if (!have_face) corner_face_normal(c, face);
         have_face = true;
         pbs_oct_encode(v[i].normal, face);
     }
@@ -247,6 +252,30 @@ static void corner_rest(pbs_builder *b, vertex v[3], const pbs_corner c[3]) {
     }
 }
 
+static pbs_code make_room(pbs_builder *b, pbs_err *err) {
+    if (b->vertices <= PBS_MESH_VERTICES - 3 && b->triangles < PBS_MESH_TRIANGLES) return PBS_OK;
+    pbs_code rc = pbs_run_check(b->run, err);
+    return rc ? rc : emit(b, err);
+}
+
+/* The three places of the table are asked for before they are needed. */
+static void take(pbs_builder *b, const vertex v[3], uint32_t material) {
+    uint32_t s[3];
+    for (int i = 0; i < 3; i++) {
+        s[i] = hash(&v[i]) & (SLOTS - 1);
+        __builtin_prefetch(&b->slot[s[i]]);
+    }
+    for (int i = 0; i < 3; i++) {
+        double p[3];
+        for (int k = 0; k < 3; k++) p[k] = b->origin[k] + v[i].position[k];
+        pbs_box_add(&b->box, p);
+    }
+    for (int i = 0; i < 3; i++) b->index[3 * b->triangles + i] = weld(b, &v[i], s[i]);
+    b->material[b->triangles] = material;
+    b->mixed = b->mixed || material != b->material[0];
+    b->triangles++;
+}
+
 pbs_code pbs_builder_triangle(pbs_builder *b, const pbs_corner c[3], uint32_t material,
                               pbs_err *err) {
     vertex v[3];
@@ -259,21 +288,19 @@ pbs_code pbs_builder_triangle(pbs_builder *b, const pbs_corner c[3], uint32_t ma
         b->skipped[PBS_SKIP_DEGENERATE]++;
         return PBS_OK;
     }
-    if (b->vertices > PBS_MESH_VERTICES - 3 || b->triangles == PBS_MESH_TRIANGLES) {
-        pbs_code rc = pbs_run_check(b->run, err);
-        if (!rc) rc = emit(b, err);
-        if (rc) return rc;
-    }
+    pbs_code rc = make_room(b, err);
+    if (rc) return rc;
     corner_rest(b, v, c);
-    for (int i = 0; i < 3; i++) {
-        double p[3];
-        for (int k = 0; k < 3; k++) p[k] = b->origin[k] + v[i].position[k];
-        pbs_box_add(&b->box, p);
-        b->index[3 * b->triangles + i] = weld(b, &v[i]);
-    }
-    b->material[b->triangles] = material;
-    b->mixed = b->mixed || material != b->material[0];
-    b->triangles++;
+    take(b, v, material);
+    return PBS_OK;
+}
+
+pbs_code pbs_builder_stored(pbs_builder *b, const pbs_vertex v[3], uint32_t material,
+                            pbs_err *err) {
+    pbs_code rc = make_room(b, err);
+    if (rc) return rc;
+    b->has_normal = b->corners & PBS_CORNER_NORMAL;
+    take(b, v, material);
     return PBS_OK;
 }
 
@@ -302,32 +329,55 @@ static bool all_finite(const float *v, size_t n) {
     return sum == 0;
 }
 
-pbs_code pbs_mesh_parse(const char *place, const pbs_chunk *c, pbs_mesh *m, pbs_err *err) {
-    const uint8_t *p = c->payload;
+size_t pbs_mesh_view(const void *payload, pbs_mesh *m) {
+    const uint8_t *start = payload, *p = start + HEAD;
     memset(m, 0, sizeof *m);
-    if (c->bytes < HEAD) goto bad;
-    m->vertices = pbs_get_u32(p);
-    m->triangles = pbs_get_u32(p + 4);
-    uint32_t arrays = pbs_get_u32(p + 8);
-    m->material = pbs_get_u32(p + 12);
-    p += HEAD;
-    if (m->vertices > PBS_MESH_VERTICES || m->triangles > PBS_MESH_TRIANGLES ||
-        m->triangles != c->count || arrays > HAS_ALL)
-        goto bad;
-    uint64_t v = m->vertices, t = m->triangles;
-    uint64_t size = 12 * v + (arrays & HAS_NORMAL ? 4 * v : 0) + (arrays & HAS_UV ? 8 * v : 0) +
-                    (arrays & HAS_COLOUR ? 4 * v : 0) + (arrays & HAS_MATERIAL ? 4 * t : 0) + 6 * t;
-    if (size != c->bytes - HEAD) goto bad;
+    m->vertices = pbs_get_u32(start);
+    m->triangles = pbs_get_u32(start + 4);
+    uint32_t arrays = pbs_get_u32(start + 8);
+    m->material = pbs_get_u32(start + 12);
+    size_t v = m->vertices, t = m->triangles;
     m->position = (const float *)p, p += 12 * v;
     if (arrays & HAS_NORMAL) m->normal = (const int16_t *)p, p += 4 * v;
     if (arrays & HAS_UV) m->uv = (const float *)p, p += 8 * v;
     if (arrays & HAS_COLOUR) m->colour = p, p += 4 * v;
     if (arrays & HAS_MATERIAL) m->triangle_material = (const uint32_t *)p, p += 4 * t;
     m->index = (const uint16_t *)p;
+    return (size_t)(p - start) + 6 * t;
+}
+
+pbs_code pbs_mesh_parse(const char *place, const pbs_chunk *c, pbs_mesh *m, pbs_err *err) {
+    const uint8_t *p = c->payload;
+    memset(m, 0, sizeof *m);
+    if (c->bytes < HEAD) goto bad;
+    uint64_t v = pbs_get_u32(p), t = pbs_get_u32(p + 4);
+    if (v > PBS_MESH_VERTICES || t > PBS_MESH_TRIANGLES || t != c->count ||
+        pbs_get_u32(p + 8) > HAS_ALL || pbs_mesh_view(p, m) != c->bytes)
+        goto bad;
     if (!indices_fit(m->index, 3 * t, m->vertices) || !all_finite(m->position, 3 * v) ||
         (m->uv && !all_finite(m->uv, 2 * v)))
         goto bad;
     return PBS_OK;
 bad:
+    memset(m, 0, sizeof *m);
     return pbs_fail(err, PBS_DATA, "%s: a mesh of node %u is damaged", place, c->node);
+}
+
+/* ---- triangles again ---- */
+
+void pbs_mesh_stored(const pbs_mesh *m, uint32_t t, uint32_t corners, pbs_vertex v[3],
+                     uint32_t *material) {
+    memset(v, 0, 3 * sizeof *v);
+    for (int i = 0; i < 3; i++) {
+        size_t k = m->index[3 * t + (uint32_t)i];
+        memcpy(v[i].position, m->position + 3 * k, sizeof v->position);
+        if (m->normal) memcpy(v[i].normal, m->normal + 2 * k, sizeof v->normal);
+        if (m->uv) memcpy(v[i].uv, m->uv + 2 * k, sizeof v->uv);
+        if (m->colour) memcpy(v[i].colour, m->colour + 4 * k, sizeof v->colour);
+    }
+    *material = m->triangle_material ? m->triangle_material[t] : m->material;
+    if (m->normal || !(corners & PBS_CORNER_NORMAL)) return;
+    float n[3];
+    face_normal(v, n);
+    for (int i = 0; i < 3; i++) pbs_oct_encode(v[i].normal, n);
 }

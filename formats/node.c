@@ -16,6 +16,7 @@ enum {
     AT_MEDIAN_COUNT = 144,
     AT_NAME_BYTES = 148,
     AT_CHILDREN = 152,
+    AT_WANTED = 156,
     FIXED = 160,
     /* one child: f64 transform[12], u32 node, u32 flags, u32 name bytes, u32 zero, name to 8 */
     CHILD_FIXED = 112,
@@ -56,6 +57,7 @@ static void put_fixed(uint8_t *p, const pbs_node *n) {
     pbs_put_u32(p + AT_MEDIAN_COUNT, n->median_count);
     pbs_put_u32(p + AT_NAME_BYTES, (uint32_t)name_bytes(n->name));
     pbs_put_u32(p + AT_CHILDREN, n->child_count);
+    pbs_put_u32(p + AT_WANTED, n->wanted);
 }
 
 static uint8_t *put_name(uint8_t *p, const char *name) {
@@ -80,7 +82,7 @@ pbs_code pbs_node_write(pbs_run *run, pbs_writer *w, const pbs_node *n, pbs_err 
         pbs_put_u32(p + CHILD_NAME_AT, (uint32_t)name_bytes(c->name));
         p = put_name(p + CHILD_FIXED, c->name);
     }
-    pbs_chunk c = {.tag = PBS_TAG_NODE, .node = n->id, .count = 1};
+    pbs_chunk c = {.tag = PBS_TAG_NODE, .flags = n->flags, .node = n->id, .count = 1};
     pbs_piece piece = {buf, size};
     rc = pbs_writer_chunk(w, &c, &piece, 1, err);
     pbs_free(run, buf);
@@ -123,6 +125,7 @@ static bool get_fixed(const uint8_t *p, pbs_node *n) {
     n->records = pbs_get_u64(p + AT_RECORDS);
     n->median_count = pbs_get_u32(p + AT_MEDIAN_COUNT);
     n->child_count = pbs_get_u32(p + AT_CHILDREN);
+    n->wanted = pbs_get_u32(p + AT_WANTED);
     return get_finite(p + AT_ORIGIN, n->origin, 3) & get_box(p + AT_BOX, &n->box) &
            get_finite(p + AT_PIXEL, &n->pixel, 1) & get_finite(p + AT_COVERING, &n->covering, 1) &
            get_finite(p + AT_MEDIAN, &n->median, 1) &
@@ -169,6 +172,7 @@ pbs_code pbs_node_read(pbs_run *run, const char *place, const pbs_chunk *chunk, 
                        pbs_node *n, pbs_err *err) {
     memset(n, 0, sizeof *n);
     n->id = chunk->node;
+    n->flags = chunk->flags;
     cursor cur = {chunk->payload, (size_t)chunk->bytes};
     const uint8_t *p = take(&cur, FIXED);
     bool ok = p && n->id == expect && get_fixed(p, n);

@@ -16,6 +16,8 @@ typedef struct pbs_node {
     pbs_box box;        /* in the node's coordinates, origin included; empty: nothing in it */
     uint64_t triangles; /* of the node and everything below, instances counted each time */
     uint64_t records;   /* of the node's own data: triangles, candidates or surfels */
+    uint32_t wanted;    /* surfels that should be chosen from its candidates; 0: not said */
+    uint32_t flags;     /* PBS_NODE_BELOW | ... */
     double pixel;       /* side of the pixels that its candidates come from; 0: unknown */
     double covering;    /* covering radius of its surfels; 0: not sampled */
     double median;      /* median distance to the nearest neighbour among the first median_count */
@@ -25,6 +27,15 @@ typedef struct pbs_node {
     uint32_t child_count;
     pbs_child *children;
 } pbs_node;
+
+enum {
+    /* Candidates: what is fine enough below the node is missing among them, since surfels that come
+     * before it in the stream show it (hierarchy.h). */
+    PBS_NODE_BELOW = 1 << 8,
+    PBS_NODE_USED = 1 << 9,     /* candidates: a node that follows needs the surfels of this one */
+    PBS_NODE_CORNERS = 1 << 10, /* candidates: directions they are seen from */
+    PBS_NODE_FACES = 1 << 11
+};
 
 /* Writes the node as a chunk. Errors: PBS_LIMIT if it has millions of children. */
 pbs_code pbs_node_write(pbs_run *run, pbs_writer *w, const pbs_node *node, pbs_err *err);

@@ -8,6 +8,7 @@
  */
 #include "formats/faces.h"
 #include "formats/mtl.h"
+#include "formats/scratch.h"
 
 typedef struct part {
     pbs_span name;
@@ -32,7 +33,9 @@ typedef struct obj {
     bool by_object; /* parts are `o`, not `g` */
     double *v;
     float *vt, *vn;
-    uint8_t *colour; /* 4 a vertex; NULL until there is one */
+    uint8_t *colour;      /* 4 a vertex; NULL until there is one */
+    pbs_scratch place[4]; /* of these four: files if they are large */
+    pbs_trim trim;
     double colour_scale;
     pbs_box box;
     part *part;
@@ -85,7 +88,9 @@ static pbs_code each_line(obj *o, int half, pbs_code (*read)(obj *, enum key, pb
         o->at = line.p;
         enum key key = key_of(line, &rest);
         if (key != OTHER) rc = read(o, key, rest, err);
-        if (rc || n % PBS_CHECK_EVERY) continue;
+        if (rc || n % PBS_TRIM_EVERY) continue;
+        pbs_trim_now(&o->trim);
+        if (n % PBS_CHECK_EVERY) continue;
         rc = pbs_run_check(o->run, err);
         uint64_t done = (uint64_t)(lines.p - o->file) + (half > 0 ? o->size : 0);
         if (half >= 0) pbs_run_progress(o->run, "reading", done / 2, o->size);
@@ -104,13 +109,26 @@ static pbs_code count(obj *o, enum key key, pbs_span rest, pbs_err *err) {
     return PBS_OK;
 }
 
+enum { PLACE_V, PLACE_VT, PLACE_VN, PLACE_COLOUR };
+
+static pbs_code make_place(obj *o, int i, uint64_t count, size_t size, const char *what,
+                           pbs_err *err) {
+    pbs_scratch *s = &o->place[i];
+    pbs_code rc = pbs_scratch_new(o->run, count, size, what, s, err);
+    if (s->is_file) pbs_trim_add(&o->trim, s->bytes, s->size);
+    return rc;
+}
+
 static pbs_code make_room(obj *o, pbs_err *err) {
-    if (o->total.v >= PBS_NONE || o->total.vt >= PBS_NONE || o->total.vn >= PBS_NONE)
+    const counts *n = &o->total;
+    if (n->v >= PBS_NONE || n->vt >= PBS_NONE || n->vn >= PBS_NONE)
         return pbs_fail(err, PBS_DATA, "more than 4294967294 vertices");
-    pbs_code rc = pbs_alloc(o->run, &o->v, o->total.v, 3 * sizeof *o->v, "the vertices", err);
-    if (!rc)
-        rc = pbs_alloc(o->run, &o->vt, o->total.vt, 2 * sizeof *o->vt, "texture coordinates", err);
-    if (!rc) rc = pbs_alloc(o->run, &o->vn, o->total.vn, 3 * sizeof *o->vn, "the normals", err);
+    pbs_code rc = make_place(o, PLACE_V, n->v, 3 * sizeof *o->v, "the vertices", err);
+    if (!rc) rc = make_place(o, PLACE_VT, n->vt, 2 * sizeof *o->vt, "the texture coordinates", err);
+    if (!rc) rc = make_place(o, PLACE_VN, n->vn, 3 * sizeof *o->vn, "the normals", err);
+    o->v = o->place[PLACE_V].bytes;
+    o->vt = o->place[PLACE_VT].bytes;
+    o->vn = o->place[PLACE_VN].bytes;
     return rc;
 }
 
@@ -118,17 +136,28 @@ static pbs_code make_room(obj *o, pbs_err *err) {
 
 /* The file turns out to count to 255: what was taken for 1 so far was 1/255. */
 static void rescale_colours(obj *o) {
-    for (uint64_t i = 0; i < o->seen.v; i++)
+    for (uint64_t i = 0; i < o->seen.v; i++) {
         for (int k = 0; k < 3; k++) o->colour[4 * i + k] = o->colour[4 * i + k] >= 128;
+        if (i % PBS_CHECK_EVERY == 0) pbs_trim_now(&o->trim);
+    }
     o->colour_scale = 1 / 255.0;
+}
+
+static void make_white(obj *o) {
+    const size_t all = o->place[PLACE_COLOUR].size, step = (size_t)4 << 20;
+    for (size_t at = 0; at < all; at += step) {
+        memset(o->colour + at, 255, all - at < step ? all - at : step);
+        pbs_trim_now(&o->trim);
+    }
 }
 
 static pbs_code read_colour(obj *o, const double *rgb, pbs_err *err) {
     if (!o->colour) {
-        pbs_code rc = pbs_alloc(o->run, &o->colour, o->total.v, 4, "vertex colours", err);
+        pbs_code rc = make_place(o, PLACE_COLOUR, o->total.v, 4, "the vertex colours", err);
         if (rc) return rc;
-        memset(o->colour, 255, 4 * o->total.v);
+        o->colour = o->place[PLACE_COLOUR].bytes;
         o->colour_scale = 1;
+        make_white(o);
     }
     if (o->colour_scale == 1 && (rgb[0] > 2 || rgb[1] > 2 || rgb[2] > 2)) rescale_colours(o);
     for (int k = 0; k < 3; k++)
@@ -386,13 +415,13 @@ pbs_code pbs_import_obj(const char *path, const void *bytes, size_t size, const 
     obj o = {.file = bytes, .size = size, .stem = stem, .run = sink->run, .box = PBS_BOX_EMPTY};
     o.faces.sink = o.mtl.sink = sink;
     o.mtl.path = path;
+    pbs_trim_open(o.run, &o.trim);
+    if (sink->mapped) pbs_trim_add(&o.trim, bytes, size);
     pbs_code rc = import(&o, err);
     if (rc && o.at) pbs_fail_in(err, "line %llu", (unsigned long long)pbs_text_line(o.file, o.at));
     if (!rc) rc = pbs_faces_root(&o.faces, stem, err);
-    pbs_free(sink->run, o.v);
-    pbs_free(sink->run, o.vt);
-    pbs_free(sink->run, o.vn);
-    pbs_free(sink->run, o.colour);
+    for (int i = 0; i < 4; i++) pbs_scratch_free(&o.place[i]);
+    pbs_trim_close(&o.trim);
     pbs_free(sink->run, o.part);
     pbs_mtl_free(&o.mtl);
     pbs_faces_free(&o.faces);

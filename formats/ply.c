@@ -1,6 +1,6 @@
-/* PLY. Vertices of a fixed size in a binary file are never copied: a face reads them from the
- * mapped bytes. Others (ascii, or with lists inside) are packed first, into records of the same
- * kind, so there is one way to fetch a corner. Faces are handed over as they are read.
+/* PLY. Vertices of a fixed size in a binary file are read where they are. Others (ascii, or with
+ * lists inside) are packed first into such records, in a temporary file if they are many, so there
+ * is one way to fetch a corner. Faces are handed over as they are read.
  *
  * Colours are sRGB: integers count to 255 (ushort to 65535), floats to 1, or to 255 if any is above
  * 2. Texture coordinates have v upwards. Triangle strips with -1 as a restart are understood, and
@@ -9,6 +9,7 @@
 #include "formats/faces.h"
 #include "formats/mtl.h"
 #include "formats/ply_header.h"
+#include "formats/scratch.h"
 
 /* Where a vertex attribute is in a record; offset -1: nowhere. */
 typedef struct field {
@@ -32,7 +33,8 @@ typedef struct ply {
     field field[PBS_PLY_ROLES];
     bool plain; /* x, y, z are three floats in a row */
     double colour_scale;
-    char *packed;
+    pbs_scratch packed;
+    pbs_trim trim;
     pbs_box box;
     /* faces */
     uint32_t attributes;
@@ -81,9 +83,7 @@ static inline double load(const char *p, pbs_ply_type t, bool swap) {
     }
 }
 
-static bool is_big_endian(void) {
-    return __BYTE_ORDER__ == __ORDER_BIG_ENDIAN__;
-}
+static const bool is_big_endian = __BYTE_ORDER__ == __ORDER_BIG_ENDIAN__;
 
 static size_t left(const ply *y) {
     return (size_t)(y->end - y->p);
@@ -108,7 +108,7 @@ static inline pbs_code next(ply *y, pbs_ply_type t, double *v, pbs_err *err) {
         return PBS_OK;
     }
     if (left(y) < pbs_ply_size(t)) return too_short(y, err);
-    *v = load(y->p, t, y->header.big_endian != is_big_endian());
+    *v = load(y->p, t, y->header.big_endian != is_big_endian);
     y->p += pbs_ply_size(t);
     return PBS_OK;
 }
@@ -152,7 +152,9 @@ static pbs_code begin_element(ply *y, const pbs_ply_element *e, pbs_err *err) {
 }
 
 static pbs_code check(ply *y, pbs_err *err) {
-    if (++y->number % PBS_CHECK_EVERY) return PBS_OK;
+    if (++y->number % PBS_TRIM_EVERY) return PBS_OK;
+    pbs_trim_now(&y->trim);
+    if (y->number % PBS_CHECK_EVERY) return PBS_OK;
     pbs_run_progress(y->run, "reading", (uint64_t)(y->p - y->file), (uint64_t)(y->end - y->file));
     return pbs_run_check(y->run, err);
 }
@@ -223,7 +225,7 @@ static size_t lay_out(ply *y, const pbs_ply_element *e, field *to) {
 }
 
 static pbs_code pack_one(ply *y, const pbs_ply_element *e, const field *to, pbs_err *err) {
-    char *record = y->packed + y->number * y->stride;
+    char *record = (char *)y->packed.bytes + y->number * y->stride;
     pbs_code rc = PBS_OK;
     for (size_t i = 0; i < e->properties && !rc; i++) {
         const pbs_ply_property *p = &y->header.property[e->first + i];
@@ -242,12 +244,13 @@ static pbs_code pack(ply *y, const pbs_ply_element *e, pbs_err *err) {
     if (rc) return rc;
     y->stride = lay_out(y, e, to);
     y->swap = false;
-    rc = pbs_alloc(y->run, &y->packed, e->count, y->stride, "the vertices", err);
+    rc = pbs_scratch_new(y->run, e->count, y->stride, "the vertices", &y->packed, err);
+    if (y->packed.is_file) pbs_trim_add(&y->trim, y->packed.bytes, y->packed.size);
     while (!rc && y->number < e->count) {
         rc = pack_one(y, e, to, err);
         if (!rc) rc = check(y, err);
     }
-    y->record = y->packed;
+    y->record = y->packed.bytes;
     pbs_free(y->run, to);
     return rc;
 }
@@ -281,6 +284,7 @@ static pbs_code survey(ply *y, pbs_err *err) {
             if (load(record + red[k].offset, red[k].type, y->swap) > 2)
                 floats = false, y->colour_scale = 1 / 255.0;
         if (i % PBS_CHECK_EVERY) continue;
+        pbs_trim_now(&y->trim);
         pbs_code rc = pbs_run_check(y->run, err);
         if (rc) return rc;
     }
@@ -301,7 +305,7 @@ static pbs_code read_vertices(ply *y, const pbs_ply_element *e, pbs_err *err) {
     if (e->fixed && !y->header.ascii) {
         y->record = y->p;
         y->stride = e->least;
-        y->swap = y->header.big_endian != is_big_endian();
+        y->swap = y->header.big_endian != is_big_endian;
         y->p += e->count * e->least;
     } else if ((rc = pack(y, e, err))) {
         return rc;
@@ -424,6 +428,7 @@ static pbs_code read_strip(ply *y, const pbs_ply_property *p, pbs_err *err) {
     pbs_code rc = next_count(y, p, &count, err);
     for (uint64_t k = 0; k < count && !rc; k++) {
         rc = next_index(y, p->type, true, &i, err);
+        if (k % PBS_TRIM_EVERY == 0) pbs_trim_now(&y->trim);
         if (!rc && k % PBS_CHECK_EVERY == 0) rc = pbs_run_check(y->run, err);
         if (rc) break;
         if (i == UINT64_MAX) {
@@ -569,6 +574,8 @@ pbs_code pbs_import_ply(const char *path, const void *bytes, size_t size, const 
     ply y = {.file = bytes, .run = sink->run};
     y.faces.sink = y.mtl.sink = sink;
     y.mtl.path = path;
+    pbs_trim_open(y.run, &y.trim);
+    if (sink->mapped) pbs_trim_add(&y.trim, bytes, size);
     pbs_code rc = pbs_ply_header_read(sink->run, bytes, size, &y.header, err);
     if (!rc) rc = pbs_ply_check_header(&y.header, err);
     y.p = y.header.data;
@@ -581,7 +588,8 @@ pbs_code pbs_import_ply(const char *path, const void *bytes, size_t size, const 
         if (!rc) rc = pbs_faces_root(&y.faces, stem, err);
     }
     pbs_ply_header_free(sink->run, &y.header);
-    pbs_free(sink->run, y.packed);
+    pbs_scratch_free(&y.packed);
+    pbs_trim_close(&y.trim);
     pbs_free(sink->run, y.uv);
     pbs_free(sink->run, y.material);
     pbs_mtl_free(&y.mtl);

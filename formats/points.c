@@ -159,14 +159,19 @@ static void pack(const pbs_record *r, const pbs_points *p, size_t first, size_t 
 pbs_code pbs_points_write(pbs_run *run, pbs_writer *w, const pbs_record *r, uint32_t node,
                           const pbs_points *p, size_t at, uint32_t limit,
                           const pbs_lattice *lattice, pbs_err *err) {
+    return pbs_records_write(run, w, PBS_TAG_POINTS, r, node, p, at, limit, lattice, err);
+}
+
+pbs_code pbs_records_write(pbs_run *run, pbs_writer *w, uint32_t tag, const pbs_record *r,
+                           uint32_t node, const pbs_points *p, size_t at, uint32_t limit,
+                           const pbs_lattice *lattice, pbs_err *err) {
     uint8_t *buf;
     size_t room = p->count < limit ? p->count : limit;
     pbs_code rc = pbs_alloc(run, &buf, room, r->stride, "a chunk of points", err);
     for (size_t i = 0; i < p->count && !rc; i += limit) {
         size_t n = p->count - i < limit ? p->count - i : limit;
         pack(r, p, i, n, buf, lattice);
-        pbs_chunk c = {
-            .tag = PBS_TAG_POINTS, .node = node, .count = (uint32_t)n, .first = (uint32_t)(at + i)};
+        pbs_chunk c = {.tag = tag, .node = node, .count = (uint32_t)n, .first = (uint32_t)(at + i)};
         pbs_piece piece = {buf, n * r->stride};
         rc = pbs_writer_chunk(w, &c, &piece, 1, err);
     }

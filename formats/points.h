@@ -41,6 +41,10 @@ void pbs_points_free(pbs_run *run, pbs_points *p);
 pbs_code pbs_points_write(pbs_run *run, pbs_writer *w, const pbs_record *r, uint32_t node,
                           const pbs_points *p, size_t at, uint32_t limit,
                           const pbs_lattice *lattice, pbs_err *err);
+/* The same under another tag, for records without positions too (octaves.h). */
+pbs_code pbs_records_write(pbs_run *run, pbs_writer *w, uint32_t tag, const pbs_record *r,
+                           uint32_t node, const pbs_points *p, size_t at, uint32_t limit,
+                           const pbs_lattice *lattice, pbs_err *err);
 #define PBS_POINTS_CHUNK  65536u     /* in streams */
 #define PBS_ARCHIVE_CHUNK (1u << 20) /* in archives: a node of paper 1 is one chunk */
 

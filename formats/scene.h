@@ -6,7 +6,8 @@
  *     MESH  a piece of a part                NODE  a part (after its meshes) or an assembly
  *     CNTS  what could not become triangles, once, before the end
  *
- * The last NODE is the root.
+ * The last NODE is the root. Parts that are equal, and assemblies of equal children, are one node;
+ * where they have different names, the placings carry them.
  */
 #ifndef PBS_SCENE_H
 #define PBS_SCENE_H
@@ -21,16 +22,22 @@ typedef struct pbs_scene_writer pbs_scene_writer;
 
 typedef struct pbs_scene_options {
     bool ignore_missing; /* textures that are not there are counted, not an error */
+    uint64_t split;      /* parts with more triangles become assemblies of parts; 0: never */
+    uint64_t group;      /* assemblies with more children get inner ones; 0: never */
 } pbs_scene_options;
+#define PBS_SCENE_DEFAULTS ((pbs_scene_options){false, 400000, 32})
 
-/* The writer stays the caller's. Meshes are cut, vertices welded by equality of their bits. */
+/* The writer stays the caller's. options NULL: PBS_SCENE_DEFAULTS. Meshes are cut, vertices welded
+ * by equality of their bits. */
 pbs_code pbs_scene_writer_new(pbs_run *run, pbs_writer *w, const pbs_scene_options *options,
                               pbs_scene_writer **out, pbs_err *err);
 const pbs_sink *pbs_scene_sink(pbs_scene_writer *s);
 /* After the reader is done: PBS_DATA "no triangles" if there are none. */
 pbs_code pbs_scene_writer_end(pbs_scene_writer *s, pbs_err *err);
 typedef struct pbs_scene_totals {
-    uint64_t nodes, triangles, stored; /* with all instances; each part once */
+    uint64_t nodes, triangles, stored;          /* with all instances; each part once */
+    uint64_t parts_unified, assemblies_unified; /* that equal an earlier one */
+    uint64_t parts_split, groups;               /* made by the options split and group */
     uint64_t skipped[PBS_SKIP_KINDS];
 } pbs_scene_totals;
 pbs_scene_totals pbs_scene_writer_totals(const pbs_scene_writer *s); /* after the end */

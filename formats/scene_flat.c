@@ -23,11 +23,12 @@ typedef struct unfold {
     pbs_flat *out;
 } unfold;
 
-static pbs_code place(void *ctx, uint32_t node, const double m[12], bool *descend, pbs_err *err) {
+static pbs_code place(void *ctx, uint32_t node, const double m[12], uint32_t flags, bool *descend,
+                      pbs_err *err) {
     unfold *u = ctx;
     const pbs_scene *s = u->s;
     double local[12];
-    (void)err;
+    (void)err, (void)flags;
     *descend = u->draws[node] != 0; /* empty subtrees may be huge */
     memcpy(local, PBS_IDENTITY, sizeof local);
     for (int k = 0; k < 3; k++) local[4 * k + 3] = s->nodes[node].origin[k];

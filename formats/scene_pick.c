@@ -72,6 +72,8 @@ pbs_code pbs_import_input(pbs_input *in, const char *path, const pbs_sink *sink,
     pbs_code rc = pbs_input_map(in, err);
     if (rc) return rc;
     rc = pbs_import_pick(path, in->bytes, (size_t)in->size, &fn, err);
-    if (!rc) rc = fn(path ? path : "-", in->bytes, (size_t)in->size, sink, err);
+    pbs_sink mapped = *sink;
+    mapped.mapped = true;
+    if (!rc) rc = fn(path ? path : "-", in->bytes, (size_t)in->size, &mapped, err);
     return rc ? pbs_fail_in(err, "%s", in->name) : PBS_OK;
 }

@@ -1,16 +1,15 @@
-/* scene_write.c: the sink behind which the readers of foreign files stand: a scene stream. */
-#include "formats/meshbuild.h"
+/* scene_write.c: the sink behind which the readers of foreign files stand: a scene stream. Here is
+ * decided what becomes of parts and assemblies: split, grouped (paper 1, section 3.1), or one with
+ * an equal one. */
+#include "formats/group.h"
+#include "formats/known.h"
+#include "formats/meshlist.h"
 #include "formats/scene.h"
+#include "formats/split.h"
 #include "formats/scene_wire.h"
 #include "formats/wire.h"
 #include <stdlib.h>
 #include <string.h>
-
-/* What an assembly has to know of its children. */
-typedef struct below {
-    uint64_t triangles;
-    pbs_box box;
-} below;
 
 struct pbs_scene_writer {
     pbs_run *run;
@@ -18,13 +17,13 @@ struct pbs_scene_writer {
     pbs_sink sink;
     pbs_scene_options options;
     pbs_builder *builder;
-    below *nodes;
-    size_t node_count, node_cap;
+    pbs_meshlist meshes; /* of the part that is open */
+    pbs_known known;
     uint32_t materials, textures, root;
     char *part_name;
     double part_origin[3];
-    uint64_t stored;
-    uint64_t skipped[PBS_SKIP_KINDS];
+    uint32_t part_corners;
+    pbs_scene_totals totals;
 };
 
 const char *const pbs_skip_text[PBS_SKIP_KINDS] = {"triangles with NaN or infinite corners",
@@ -55,7 +54,7 @@ static pbs_code miss_texture(void *ctx, const char *name, uint32_t *id, pbs_err 
     *id = PBS_NONE;
     if (!s->options.ignore_missing)
         return pbs_fail(err, PBS_DATA, "%s: is missing (--ignore-missing goes on without)", name);
-    s->skipped[PBS_SKIP_TEXTURE]++;
+    s->totals.skipped[PBS_SKIP_TEXTURE]++;
     return PBS_OK;
 }
 
@@ -90,13 +89,36 @@ static pbs_code put_material(void *ctx, const pbs_material *m, uint32_t *id, pbs
     return pbs_writer_chunk(s->w, &c, piece, 2, err);
 }
 
+/* ---- nodes ---- */
+
+/* What nodes are told apart by: their kind, and whether they have a name. Nodes with names are
+ * never one with nodes without, which would show a name that they do not have. */
+static pbs_digest begin_digest(char kind, const char *name) {
+    pbs_digest d = {{0, 0}};
+    const char head[2] = {kind, name && *name};
+    pbs_digest_add(&d, head, sizeof head);
+    return d;
+}
+
+static pbs_code add_node(pbs_scene_writer *s, const pbs_node *n, const pbs_digest *digest,
+                         uint32_t *id, pbs_err *err) {
+    pbs_known_node known = {n->triangles, n->box, *digest, pbs_digest_text(n->name)};
+    *id = n->id;
+    pbs_code rc = pbs_known_add(&s->known, &known, err);
+    return rc ? rc : pbs_node_write(s->run, s->w, n, err);
+}
+
+/* ---- parts ---- */
+
 static pbs_code part_begin(void *ctx, const char *name, const double origin[3], uint32_t corners,
                            pbs_err *err) {
     pbs_scene_writer *s = ctx;
     free(s->part_name);
     if (!(s->part_name = strdup(name ? name : ""))) return pbs_fail(err, PBS_LIMIT, "no memory");
     for (int k = 0; k < 3; k++) s->part_origin[k] = isfinite(origin[k]) ? origin[k] : 0;
-    pbs_builder_begin(s->builder, (uint32_t)s->node_count, s->part_origin, corners);
+    s->part_corners = corners;
+    pbs_meshlist_clear(&s->meshes);
+    pbs_builder_begin(s->builder, s->part_origin, corners);
     return PBS_OK;
 }
 
@@ -105,26 +127,92 @@ static pbs_code triangle(void *ctx, const pbs_corner corner[3], uint32_t materia
     return pbs_builder_triangle(s->builder, corner, material, err);
 }
 
-static pbs_code add_node(pbs_scene_writer *s, const pbs_node *n, uint32_t *id, pbs_err *err) {
-    if (s->node_count >= PBS_NONE) return pbs_fail(err, PBS_LIMIT, "too many nodes");
-    pbs_code rc = pbs_grow(s->run, &s->nodes, &s->node_cap, s->node_count + 1, sizeof *s->nodes,
-                           "the table of nodes", err);
-    if (rc) return rc;
-    s->nodes[s->node_count] = (below){n->triangles, n->box};
-    *id = (uint32_t)s->node_count++;
-    return pbs_node_write(s->run, s->w, n, err);
+static pbs_code write_meshes(pbs_scene_writer *s, uint32_t node, pbs_err *err) {
+    pbs_mesh m;
+    pbs_piece piece;
+    uint64_t first = 0;
+    pbs_code rc = PBS_OK;
+    for (uint64_t at = 0; !rc && pbs_meshlist_next(&s->meshes, &at, &m, &piece.bytes, &piece.size);
+         first += m.triangles) {
+        pbs_chunk c = {
+            .tag = PBS_TAG_MESH, .node = node, .count = m.triangles, .first = (uint32_t)first};
+        rc = pbs_run_check(s->run, err);
+        if (!rc) rc = pbs_writer_chunk(s->w, &c, &piece, 1, err);
+    }
+    return rc;
+}
+
+/* The meshes in the list become a node, unless one of the same bytes is there. */
+static pbs_code put_part(pbs_scene_writer *s, const char *name, const pbs_box *box, uint32_t *id,
+                         pbs_err *err) {
+    pbs_digest d = begin_digest('P', name);
+    bool found;
+    pbs_digest_add(&d, s->part_origin, sizeof s->part_origin);
+    pbs_digest_add(&d, &s->meshes.digest, sizeof s->meshes.digest);
+    pbs_code rc = pbs_known_find(&s->known, &d, name, &found, id, err);
+    s->totals.parts_unified += found;
+    if (rc || found) return rc;
+    pbs_node n = {.id = (uint32_t)s->known.count, .name = name, .box = *box};
+    n.triangles = n.records = s->meshes.triangles;
+    memcpy(n.origin, s->part_origin, sizeof n.origin);
+    s->totals.stored += n.triangles;
+    rc = write_meshes(s, n.id, err);
+    return rc ? rc : add_node(s, &n, &d, id, err);
+}
+
+static pbs_code put_leaf(void *ctx, const pbs_leaf *leaf, uint32_t *id, pbs_err *err) {
+    pbs_scene_writer *s = ctx;
+    pbs_vertex v[3];
+    uint32_t material;
+    uint64_t triangles;
+    pbs_box box;
+    pbs_code rc = PBS_OK;
+    pbs_meshlist_clear(&s->meshes);
+    pbs_builder_begin(s->builder, s->part_origin, leaf->corners);
+    for (uint64_t i = 0; i < leaf->count && !rc; i++) {
+        pbs_leaf_get(leaf, i, v, &material);
+        rc = pbs_builder_stored(s->builder, v, material, err);
+    }
+    if (!rc) rc = pbs_builder_end(s->builder, &triangles, &box, err);
+    if (!rc) rc = pbs_meshlist_end(&s->meshes, err);
+    return rc ? rc : put_part(s, "", &box, id, err);
+}
+
+static pbs_code put_assembly(pbs_scene_writer *s, const char *name, pbs_child *child, size_t count,
+                             bool group, uint32_t *id, pbs_err *err);
+
+static pbs_child at_home(uint32_t node) {
+    pbs_child c = {.node = node};
+    memcpy(c.m, PBS_IDENTITY, sizeof c.m);
+    return c;
+}
+
+static pbs_code put_cell(void *ctx, const uint32_t *node, size_t n, bool whole, uint32_t *id,
+                         pbs_err *err) {
+    pbs_scene_writer *s = ctx;
+    pbs_child child[8];
+    for (size_t i = 0; i < n; i++) child[i] = at_home(node[i]);
+    return put_assembly(s, whole ? s->part_name : "", child, n, false, id, err);
 }
 
 static pbs_code part_end(void *ctx, uint32_t *id, pbs_err *err) {
     pbs_scene_writer *s = ctx;
-    pbs_node n = {.id = (uint32_t)s->node_count, .name = s->part_name};
-    pbs_code rc = pbs_builder_end(s->builder, &n.triangles, &n.box, err);
-    if (rc) return rc;
-    n.records = n.triangles;
-    s->stored += n.triangles;
-    memcpy(n.origin, s->part_origin, sizeof n.origin);
-    return add_node(s, &n, id, err);
+    uint64_t triangles;
+    pbs_box box;
+    bool split = false;
+    pbs_code rc = pbs_builder_end(s->builder, &triangles, &box, err);
+    if (!rc) rc = pbs_meshlist_end(&s->meshes, err);
+    if (!rc && s->options.split && triangles > s->options.split) {
+        pbs_split how = {s->run, s->options.split, s->part_corners, s, put_leaf, put_cell};
+        rc = pbs_split_part(&how, &s->meshes, &split, id, err);
+        s->totals.parts_split += split;
+    }
+    if (!rc && !split) rc = put_part(s, s->part_name, &box, id, err);
+    pbs_meshlist_clear(&s->meshes);
+    return rc;
 }
+
+/* ---- assemblies ---- */
 
 static bool is_finite_transform(const double m[12]) {
     for (int i = 0; i < 12; i++)
@@ -132,65 +220,184 @@ static bool is_finite_transform(const double m[12]) {
     return true;
 }
 
-static pbs_code put_assembly(pbs_scene_writer *s, const char *name, pbs_child *kept,
-                             const pbs_child *children, size_t count, uint32_t *id, pbs_err *err) {
-    pbs_node n = {.id = (uint32_t)s->node_count, .name = name, .box = PBS_BOX_EMPTY};
-    n.children = kept;
+static pbs_digest assembly_digest(const char *name, const pbs_child *child, size_t count) {
+    pbs_digest d = begin_digest('A', name);
     for (size_t i = 0; i < count; i++) {
-        const pbs_child *c = &children[i];
-        if (c->node >= s->node_count)
-            return pbs_fail(err, PBS_INTERNAL, "a child comes after its assembly");
-        if (!is_finite_transform(c->m)) {
-            s->skipped[PBS_SKIP_TRANSFORM]++;
-            continue;
-        }
-        kept[n.child_count++] = *c;
-        const below *b = &s->nodes[c->node];
-        pbs_box box = pbs_xform_box(c->m, &b->box);
+        const pbs_child *c = &child[i];
+        struct {
+            double m[12];
+            uint64_t name;
+            uint32_t node, flags;
+        } all = {.name = pbs_digest_text(c->name), .node = c->node, .flags = c->flags};
+        memcpy(all.m, c->m, sizeof all.m);
+        pbs_digest_add(&d, &all, sizeof all);
+    }
+    return d;
+}
+
+/* Writes the node: children are final. */
+static pbs_code write_assembly(pbs_scene_writer *s, const char *name, pbs_child *child,
+                               size_t count, const pbs_digest *d, uint32_t *id, pbs_err *err) {
+    pbs_node n = {.id = (uint32_t)s->known.count, .name = name, .box = PBS_BOX_EMPTY};
+    n.children = child;
+    n.child_count = (uint32_t)count;
+    for (size_t i = 0; i < count; i++) {
+        const pbs_known_node *b = &s->known.node[child[i].node];
+        pbs_box box = pbs_xform_box(child[i].m, &b->box);
         if (!pbs_box_is_empty(&box)) pbs_box_add(&n.box, box.min), pbs_box_add(&n.box, box.max);
         if (__builtin_add_overflow(n.triangles, b->triangles, &n.triangles))
             n.triangles = UINT64_MAX;
     }
-    return add_node(s, &n, id, err);
+    return add_node(s, &n, d, id, err);
+}
+
+typedef struct grouped {
+    pbs_scene_writer *s;
+    const pbs_child *child;
+    size_t count;
+    uint32_t *group; /* their nodes */
+    size_t groups, room;
+} grouped;
+
+/* The children that the numbers mean. */
+static pbs_code gather(const grouped *g, const uint32_t *ref, size_t n, pbs_child **out,
+                       pbs_err *err) {
+    pbs_code rc = pbs_alloc(g->s->run, out, n, sizeof **out, "an assembly's children", err);
+    for (size_t i = 0; i < n && !rc; i++)
+        (*out)[i] = ref[i] < g->count ? g->child[ref[i]] : at_home(g->group[ref[i] - g->count]);
+    return rc;
+}
+
+static pbs_code make_group(void *ctx, const uint32_t *ref, size_t n, pbs_err *err) {
+    grouped *g = ctx;
+    pbs_scene_writer *s = g->s;
+    pbs_child *child;
+    pbs_code rc = pbs_grow(s->run, &g->group, &g->room, g->groups + 1, sizeof *g->group,
+                           "groups of children", err);
+    if (!rc) rc = gather(g, ref, n, &child, err);
+    if (rc) return rc;
+    rc = put_assembly(s, "", child, n, false, &g->group[g->groups++], err);
+    s->totals.groups++;
+    pbs_free(s->run, child);
+    return rc;
+}
+
+/* What the children of a flat list look like from where they are placed. */
+static pbs_code measure(pbs_scene_writer *s, const pbs_child *child, size_t count,
+                        pbs_group_item **item, pbs_err *err) {
+    pbs_code rc = pbs_alloc(s->run, item, count, sizeof **item, "groups of children", err);
+    for (size_t i = 0; i < count && !rc; i++) {
+        const pbs_known_node *b = &s->known.node[child[i].node];
+        (*item)[i] = (pbs_group_item){pbs_xform_box(child[i].m, &b->box), b->triangles,
+                                      child[i].flags & PBS_CHILD_MOVES};
+    }
+    return rc;
+}
+
+static pbs_code write_grouped(pbs_scene_writer *s, const char *name, const pbs_child *child,
+                              size_t count, const pbs_digest *d, uint32_t *id, pbs_err *err) {
+    grouped g = {.s = s, .child = child, .count = count};
+    pbs_grouping how = {NULL, (uint32_t)count, s->options.group, &g, make_group};
+    pbs_group_item *item;
+    uint32_t *top = NULL;
+    size_t n = 0;
+    pbs_code rc = measure(s, child, count, &item, err);
+    how.item = item;
+    if (!rc) rc = pbs_group(s->run, &how, &top, &n, err);
+    pbs_free(s->run, item);
+    pbs_child *final = NULL;
+    if (!rc) rc = gather(&g, top, n, &final, err);
+    if (!rc) rc = write_assembly(s, name, final, n, d, id, err);
+    pbs_free(s->run, final);
+    pbs_free(s->run, top);
+    pbs_free(s->run, g.group);
+    return rc;
+}
+
+/* children: nodes, not aliases, and finite. */
+static pbs_code put_assembly(pbs_scene_writer *s, const char *name, pbs_child *child, size_t count,
+                             bool group, uint32_t *id, pbs_err *err) {
+    pbs_digest d = assembly_digest(name, child, count);
+    bool found;
+    pbs_code rc = pbs_known_find(&s->known, &d, name, &found, id, err);
+    s->totals.assemblies_unified += found;
+    if (rc || found) return rc;
+    if (group && s->options.group && count > s->options.group)
+        return write_grouped(s, name, child, count, &d, id, err);
+    return write_assembly(s, name, child, count, &d, id, err);
+}
+
+/* Copies what can be placed. A child that has no name of its own gets the one that its node had
+ * before it was found to be equal to another. */
+static pbs_code keep(pbs_scene_writer *s, const pbs_child *child, size_t count, pbs_child *kept,
+                     size_t *n, pbs_err *err) {
+    *n = 0;
+    for (size_t i = 0; i < count; i++) {
+        pbs_child c = child[i];
+        const char *name;
+        if (!pbs_known_resolve(&s->known, child[i].node, &c.node, &name))
+            return pbs_fail(err, PBS_INTERNAL, "a child comes after its assembly");
+        if (!is_finite_transform(c.m)) {
+            s->totals.skipped[PBS_SKIP_TRANSFORM]++;
+            continue;
+        }
+        if (!c.name || !*c.name) c.name = *name ? name : NULL;
+        kept[(*n)++] = c;
+    }
+    return PBS_OK;
 }
 
 static pbs_code assembly(void *ctx, const char *name, const pbs_child *children, size_t count,
                          uint32_t *id, pbs_err *err) {
     pbs_scene_writer *s = ctx;
     pbs_child *kept;
+    if (count >= UINT32_MAX / 2) return pbs_fail(err, PBS_LIMIT, "too many children");
     pbs_code rc = pbs_alloc(s->run, &kept, count, sizeof *kept, "an assembly's children", err);
     if (rc) return rc;
-    rc = put_assembly(s, name, kept, children, count, id, err);
+    rc = keep(s, children, count, kept, &count, err);
+    if (!rc) rc = put_assembly(s, name, kept, count, true, id, err);
     pbs_free(s->run, kept);
     return rc;
 }
 
-static pbs_code root(void *ctx, uint32_t node, pbs_err *err) {
+static pbs_code root(void *ctx, uint32_t id, pbs_err *err) {
     pbs_scene_writer *s = ctx;
-    s->root = node;
-    /* The root is the last node by the format's rule; a reader may have left others behind it. */
-    if (node + 1 == s->node_count) return PBS_OK;
-    pbs_child child = {.node = node};
-    memcpy(child.m, PBS_IDENTITY, sizeof child.m);
-    return assembly(s, "", &child, 1, &s->root, err);
+    pbs_child child = at_home(id);
+    size_t n;
+    pbs_code rc = keep(s, &child, 1, &child, &n, err);
+    if (rc) return rc;
+    /* The root is the last node by the format's rule; others may have been written behind it, or
+     * it is one with an inner node. */
+    s->root = child.node;
+    if (id == child.node && id + 1 == s->known.count) return PBS_OK;
+    pbs_digest d = assembly_digest("", &child, 1);
+    return write_assembly(s, "", &child, 1, &d, &s->root, err);
 }
 
 static void skip(void *ctx, pbs_skip kind, uint64_t count) {
     pbs_scene_writer *s = ctx;
-    s->skipped[kind] += count;
+    s->totals.skipped[kind] += count;
+}
+
+/* How much of a part waits in memory for its end. */
+static size_t part_budget(const pbs_run *run) {
+    size_t n = pbs_mem_left(run) / 8;
+    return n > (size_t)64 << 20 ? (size_t)64 << 20 : n;
 }
 
 pbs_code pbs_scene_writer_new(pbs_run *run, pbs_writer *w, const pbs_scene_options *options,
                               pbs_scene_writer **out, pbs_err *err) {
     pbs_scene_writer *s = *out = calloc(1, sizeof *s);
     if (!s) return pbs_fail(err, PBS_LIMIT, "no memory");
-    s->run = run;
+    s->run = s->known.run = s->meshes.run = run;
     s->w = w;
     s->root = PBS_NONE;
-    if (options) s->options = *options;
+    s->options = options ? *options : PBS_SCENE_DEFAULTS;
     s->sink = (pbs_sink){s,        run,      put_texture, miss_texture, put_material, part_begin,
-                         triangle, part_end, assembly,    root,         skip};
-    pbs_code rc = pbs_builder_new(run, w, &s->builder, err);
+                         triangle, part_end, assembly,    root,         skip,         false};
+    pbs_mesh_out to = {&s->meshes, pbs_meshlist_add};
+    pbs_code rc = pbs_builder_new(run, to, &s->builder, err);
+    s->meshes.budget = part_budget(run);
     if (!rc) return PBS_OK;
     pbs_scene_writer_free(s);
     *out = NULL;
@@ -202,29 +409,31 @@ const pbs_sink *pbs_scene_sink(pbs_scene_writer *s) {
 }
 
 pbs_code pbs_scene_writer_end(pbs_scene_writer *s, pbs_err *err) {
-    pbs_builder_skips(s->builder, s->skipped);
-    if (s->root == PBS_NONE || !s->nodes[s->root].triangles) {
-        uint64_t bad = s->skipped[PBS_SKIP_NONFINITE] + s->skipped[PBS_SKIP_DEGENERATE];
+    const uint64_t *skipped = s->totals.skipped;
+    pbs_builder_skips(s->builder, s->totals.skipped);
+    if (s->root == PBS_NONE || !s->known.node[s->root].triangles) {
+        uint64_t bad = skipped[PBS_SKIP_NONFINITE] + skipped[PBS_SKIP_DEGENERATE];
         return pbs_fail(err, PBS_DATA, "no triangles in it%s",
                         bad ? " but such without area or with NaN" : "");
     }
+    s->totals.nodes = s->known.count;
+    s->totals.triangles = s->known.node[s->root].triangles;
     uint8_t buf[8 * PBS_SKIP_KINDS];
-    for (int i = 0; i < PBS_SKIP_KINDS; i++) pbs_put_u64(buf + 8 * i, s->skipped[i]);
+    for (int i = 0; i < PBS_SKIP_KINDS; i++) pbs_put_u64(buf + 8 * i, skipped[i]);
     pbs_chunk c = {.tag = PBS_TAG_COUNTS, .node = PBS_NONE, .count = PBS_SKIP_KINDS};
     pbs_piece piece = {buf, sizeof buf};
     return pbs_writer_chunk(s->w, &c, &piece, 1, err);
 }
 
 pbs_scene_totals pbs_scene_writer_totals(const pbs_scene_writer *s) {
-    pbs_scene_totals t = {s->node_count, s->nodes[s->root].triangles, s->stored, {0}};
-    memcpy(t.skipped, s->skipped, sizeof t.skipped);
-    return t;
+    return s->totals;
 }
 
 void pbs_scene_writer_free(pbs_scene_writer *s) {
     if (!s) return;
     pbs_builder_free(s->builder);
-    pbs_free(s->run, s->nodes);
+    pbs_meshlist_free(&s->meshes);
+    pbs_known_free(&s->known);
     free(s->part_name);
     free(s);
 }

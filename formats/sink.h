@@ -2,8 +2,9 @@
  *
  * A reader knows its file and nothing else; it calls these functions and never builds a scene of
  * its own. The other side (scene.c, or a test) decides what to keep. Everything passed in is
- * borrowed for the call. Ids count from 0 in the order of the calls. Every function may fail; the
- * reader stops then and returns that error.
+ * borrowed for the call. Ids of textures and materials count from 0 in the order of the calls;
+ * those of nodes are the sink's business, and equal nodes may get the same. Every function may
+ * fail; the reader stops then and returns that error.
  *
  * Order of calls: textures and materials before they are used; a part's triangles between
  * part_begin and part_end; children before the assembly that places them; root last, once.
@@ -72,6 +73,8 @@ typedef struct pbs_sink {
                          uint32_t *node, pbs_err *err);
     pbs_code (*root)(void *ctx, uint32_t node, pbs_err *err);
     void (*skip)(void *ctx, pbs_skip kind, uint64_t count);
+    bool mapped; /* the bytes that the reader gets are a file's map, whose pages a pbs_trim may let
+                    go (formats/scratch.h) */
 } pbs_sink;
 
 /* A reader. path is for messages and for finding files beside it; bytes is the whole file, mapped

@@ -9,6 +9,7 @@
  * colour. Otherwise (VisCAM, SolidView): blue lowest, bit 15 set means that there is one.
  */
 #include "formats/faces.h"
+#include "formats/scratch.h"
 
 enum { HEAD = 84, RECORD = 50 };
 
@@ -17,6 +18,7 @@ typedef struct stl {
     const char *stem;
     pbs_run *run;
     pbs_faces faces;
+    pbs_trim trim;
     uint64_t number; /* of the triangle, from 0, for messages */
 } stl;
 
@@ -46,15 +48,14 @@ typedef struct colours {
     uint8_t whole[4]; /* of triangles that have none of their own */
 } colours;
 
-static colours colours_of(const stl *s, uint32_t n) {
+/* As the header says; whether triangles have some is seen later. */
+static colours colours_of(const stl *s) {
     colours c = {false, false, {255, 255, 255, 255}};
     const char *mark = memmem(s->file, 80, "COLOR=", 6);
     if (mark && mark + 10 <= s->file + 80) {
         c.any = c.materialise = true;
         memcpy(c.whole, mark + 6, 4);
     }
-    for (uint32_t i = 0; i < n && !c.any; i++)
-        c.any = get16(s->file + HEAD + (size_t)RECORD * i + 48) >> 15;
     return c;
 }
 
@@ -79,18 +80,21 @@ static void add_corner(pbs_box *box, const double v[3]) {
 
 static pbs_code check(const stl *s, uint64_t i, pbs_err *err) {
     if (i % PBS_CHECK_EVERY) return PBS_OK;
+    pbs_trim_now(&s->trim);
     pbs_run_progress(s->run, "reading", (uint64_t)(s->p - s->file), (uint64_t)(s->end - s->file));
     return pbs_run_check(s->run, err);
 }
 
-/* The first corner of every triangle tells where they are. */
-static pbs_code survey_binary(stl *s, uint32_t n, double origin[3], pbs_err *err) {
+/* The first corner of every triangle tells where they are; and whether any has a colour. */
+static pbs_code survey_binary(stl *s, uint32_t n, double origin[3], colours *c, pbs_err *err) {
     pbs_box box = PBS_BOX_EMPTY;
     pbs_code rc = PBS_OK;
     for (uint32_t i = 0; i < n && !rc; i++) {
+        const char *record = s->file + HEAD + (size_t)RECORD * i;
         double v[3];
-        get_corner(s->file + HEAD + (size_t)RECORD * i + 12, v);
+        get_corner(record + 12, v);
         add_corner(&box, v);
+        c->any |= get16(record + 48) >> 15;
         rc = check(s, i, err);
     }
     middle(&box, origin);
@@ -99,9 +103,9 @@ static pbs_code survey_binary(stl *s, uint32_t n, double origin[3], pbs_err *err
 
 static pbs_code read_binary(stl *s, uint32_t n, pbs_err *err) {
     const pbs_sink *sink = s->faces.sink;
-    colours c = colours_of(s, n);
+    colours c = colours_of(s);
     double origin[3];
-    pbs_code rc = survey_binary(s, n, origin, err);
+    pbs_code rc = survey_binary(s, n, origin, &c, err);
     if (!rc) rc = sink->part_begin(sink->ctx, s->stem, origin, c.any ? PBS_CORNER_COLOUR : 0, err);
     pbs_corner corner[3];
     memset(corner, 0, sizeof corner);
@@ -184,6 +188,7 @@ static void survey_ascii(const stl *s, double origin[3]) {
         pbs_span word = pbs_text_word(&p, s->end);
         if (word.p == word.end || pbs_text_is(word, "endsolid")) break;
         if (!pbs_text_is(word, "vertex") || (n++ >= 256 && n % 16)) continue;
+        if (n % PBS_CHECK_EVERY == 0) pbs_trim_now(&s->trim);
         double v[3];
         int got = 0;
         for (const char *q = p; got < 3; got++) {
@@ -252,8 +257,11 @@ pbs_code pbs_import_stl(const char *path, const void *bytes, size_t size, const 
     s.end += size;
     s.faces.sink = sink;
     if (!size) return pbs_fail(err, PBS_DATA, "is empty");
+    pbs_trim_open(s.run, &s.trim);
+    if (sink->mapped) pbs_trim_add(&s.trim, bytes, size);
     pbs_code rc = is_ascii(&s, size) ? import_ascii(&s, err) : import_binary(&s, size, err);
     if (!rc) rc = pbs_faces_root(&s.faces, stem, err);
+    pbs_trim_close(&s.trim);
     pbs_faces_free(&s.faces);
     return rc;
 }

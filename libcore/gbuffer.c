@@ -1,4 +1,4 @@
-/* gbuffer.c: the views of a node, their size, and the work spread over threads (paper 1, section
+/* gbuffer.c: a node drawn in all its views, and the work spread over threads (paper 1, section
  * 3.1). A pair of opposite views is one piece of work; with more threads than pairs, so is a band
  * of its rows. Drawing is in raster.c, what becomes of a pixel in resolve.c and shade.c.
  */
@@ -6,24 +6,29 @@
 #include "libcore/pipe.h"
 #include "libcore/resolve.h"
 
-const double PBS_GBUFFER_CORNERS[4][3] = {{1, 1, 1}, {-1, 1, 1}, {1, -1, 1}, {1, 1, -1}};
-
 #define MAX_THREADS 256
 #define CHECK_EVERY (1 << 16) /* triangles between two looks at the cancel flag */
 
+/* Work for fewer nanoseconds than this is not worth waking a thread for. The costs of a triangle
+ * and of a pixel, in each pair, are rough. */
+#define ALONE    500000
+#define TRIANGLE 15
+#define PIXEL    5
+
+/* How the pairs are cut for some number of threads. */
 typedef struct layout {
-    int pairs;
+    pbs_views views;
+    int threads;
     uint32_t bands; /* of each pair */
-    double pixel;
-    pbs_pair pair[PBS_GBUFFER_MAX_PAIRS];
 } layout;
 
 /* A thread's own. */
 typedef struct bench {
     uint64_t *key;
     pbs_snapped *vertex;
-    pbs_resolve_scratch *resolve;
     uint32_t *column;
+    pbs_resolve_scratch *resolve;
+    size_t keys, vertices, columns;
 } bench;
 
 /* A band of a pair on its way from the work to the sink. */
@@ -31,103 +36,56 @@ typedef struct slot {
     int pair;
     uint32_t band;
     uint64_t fragments;
-    size_t room; /* points in each block */
     void *block[2];
+    size_t bytes[2]; /* of the blocks */
     pbs_resolve_out out[2];
 } slot;
 
-typedef struct job {
+struct pbs_gbuffers {
     pbs_run *run;
-    const pbs_gbuffer_scene *scene;
-    layout at;
-    pbs_shader shader;
-    pbs_resolve set;
+    const pbs_surfaces *surfaces;
+    int threads;
     uint32_t *first;
-    uint32_t channels, vertices;
-    uint64_t triangles, done;
-    bench bench[MAX_THREADS];
-    slot slots[MAX_THREADS + 1], whole; /* whole: a pair put together from its bands */
+    size_t firsts;
+    bench *bench; /* one a thread */
+    slot *slots;  /* one more than threads */
+    slot whole;   /* a pair put together from its bands */
+    /* Of the call. */
+    layout at;
+    pbs_resolve set;
+    uint32_t vertices; /* of the largest mesh */
+    bool progress;
+    uint64_t done;
     size_t next;
     pbs_code (*sink)(void *ctx, const pbs_gbuffer_view *view, pbs_err *err);
     void *ctx;
     pbs_gbuffer_stats stats;
-} job;
+};
 
 /* ---- sizes ---- */
 
-static double length3(const double v[3]) {
-    return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+static int thread_count(int threads) {
+    return threads < 1 ? 1 : threads > MAX_THREADS ? MAX_THREADS : threads;
 }
 
-static void cross(const double a[3], const double b[3], double out[3]) {
-    for (int k = 0; k < 3; k++)
-        out[k] = a[(k + 1) % 3] * b[(k + 2) % 3] - a[(k + 2) % 3] * b[(k + 1) % 3];
+static bool worth_threads(const pbs_views *v, uint64_t triangles) {
+    double ns = TRIANGLE * (double)triangles * v->pairs;
+    for (int i = 0; i < v->pairs; i++) ns += PIXEL * (double)v->pair[i].width * v->pair[i].height;
+    return ns > ALONE;
 }
 
-/* y is up, unless one looks along it. */
-static bool axes(pbs_pair *p, const double direction[3]) {
-    double most = 0, l;
-    for (int k = 0; k < 3; k++) most = fmax(most, fabs(direction[k]));
-    if (!(most > 0) || !isfinite(most)) return false;
-    for (int k = 0; k < 3; k++) p->toward[k] = direction[k] / most;
-    l = length3(p->toward);
-    for (int k = 0; k < 3; k++) p->toward[k] /= l;
-    const double y[3] = {0, 1, 0}, z[3] = {0, 0, 1};
-    cross(fabs(p->toward[1]) < 0.95 ? y : z, p->toward, p->right);
-    l = length3(p->right);
-    for (int k = 0; k < 3; k++) p->right[k] /= l;
-    cross(p->toward, p->right, p->up);
-    return true;
-}
-
-static double extent(const double axis[3], const double size[3]) {
-    return fabs(axis[0]) * size[0] + fabs(axis[1]) * size[1] + fabs(axis[2]) * size[2];
-}
-
-/* One pixel more than the box is long: half a pixel of margin on each side. */
-static uint32_t pixels(double extent, double pixel, uint32_t most) {
-    double n = ceil(extent / pixel * (1 - 1e-12)) + 1;
-    return n < most ? (uint32_t)n : most;
-}
-
-static pbs_code plan(layout *at, const pbs_gbuffer_params *params, int threads, pbs_err *err) {
-    if (params->pairs < 0 || params->pairs > PBS_GBUFFER_MAX_PAIRS)
-        return pbs_fail(err, PBS_USAGE, "%d pairs of views: 1 .. %d", params->pairs,
-                        PBS_GBUFFER_MAX_PAIRS);
-    if (params->resolution < 1 || params->resolution > PBS_GBUFFER_MAX_SIZE)
-        return pbs_fail(err, PBS_USAGE, "resolution %u: 1 .. %d", params->resolution,
-                        PBS_GBUFFER_MAX_SIZE);
-    double size[3], centre[3], most = 0;
-    for (int k = 0; k < 3; k++) {
-        size[k] = params->box.max[k] - params->box.min[k];
-        centre[k] = params->box.min[k] + size[k] / 2;
-        if (!(size[k] >= 0) || !(size[k] < 1e300) || !isfinite(centre[k]))
-            return pbs_fail(err, PBS_USAGE, "the box to be drawn is empty or not finite");
-    }
-    *at = (layout){.pairs = params->pairs ? params->pairs : 4};
-    for (int i = 0; i < at->pairs; i++) {
-        pbs_pair *p = &at->pair[i];
-        if (!axes(p, params->pairs ? params->direction[i] : PBS_GBUFFER_CORNERS[i]))
-            return pbs_fail(err, PBS_USAGE, "view direction %d is zero or not finite", i);
-        memcpy(p->centre, centre, sizeof centre);
-        p->depth = extent(p->toward, size);
-        most = fmax(most, fmax(extent(p->right, size), extent(p->up, size)));
-    }
-    at->pixel = most / (params->resolution > 1 ? params->resolution - 1 : 0.5);
-    if (!(at->pixel > 1e-290)) at->pixel = 1; /* a point: any size does */
-    for (int i = 0; i < at->pairs; i++) {
-        pbs_pair *p = &at->pair[i];
-        p->pixel = at->pixel;
-        p->width = pixels(extent(p->right, size), at->pixel, params->resolution);
-        p->height = pixels(extent(p->up, size), at->pixel, params->resolution);
-    }
-    at->bands = (uint32_t)((threads + at->pairs - 1) / at->pairs);
+static pbs_code plan(layout *at, const pbs_gbuffer_params *params, uint64_t triangles, int threads,
+                     pbs_err *err) {
+    pbs_code rc = pbs_views_plan(params, &at->views, err);
+    if (rc) return rc;
+    at->threads = worth_threads(&at->views, triangles) ? threads : 1;
+    at->bands = (uint32_t)((at->threads + at->views.pairs - 1) / at->views.pairs);
     if (at->bands > params->resolution) at->bands = params->resolution;
     return PBS_OK;
 }
 
 static void band_rows(const layout *at, int pair, uint32_t band, uint32_t *y0, uint32_t *y1) {
-    uint64_t h = at->pair[pair].height;
+    uint64_t h = at->views.pair[pair].height;
     *y0 = (uint32_t)(h * band / at->bands);
     *y1 = (uint32_t)(h * (band + 1) / at->bands);
 }
@@ -135,8 +93,9 @@ static void band_rows(const layout *at, int pair, uint32_t band, uint32_t *y0, u
 /* Pixels of the largest band, or of the largest pair with bands = 1. */
 static size_t largest(const layout *at, uint32_t bands) {
     size_t most = 0;
-    for (int i = 0; i < at->pairs; i++) {
-        size_t rows = (at->pair[i].height + bands - 1) / bands, n = rows * at->pair[i].width;
+    for (int i = 0; i < at->views.pairs; i++) {
+        size_t rows = (at->views.pair[i].height + bands - 1) / bands,
+               n = rows * at->views.pair[i].width;
         most = n > most ? n : most;
     }
     return most;
@@ -144,18 +103,29 @@ static size_t largest(const layout *at, uint32_t bands) {
 
 static uint32_t widest(const layout *at) {
     uint32_t most = 0;
-    for (int i = 0; i < at->pairs; i++) most = at->pair[i].width > most ? at->pair[i].width : most;
+    for (int i = 0; i < at->views.pairs; i++)
+        most = at->views.pair[i].width > most ? at->views.pair[i].width : most;
     return most;
 }
 
-static int thread_count(int threads) {
-    return threads < 1 ? 1 : threads > MAX_THREADS ? MAX_THREADS : threads;
+/* One more than threads, so that nobody waits for the view whose turn it is. */
+static size_t slot_count(const layout *at) {
+    size_t n = (size_t)at->views.pairs * at->bands;
+    size_t most = at->threads > 1 ? (size_t)at->threads + 1 : 1;
+    return n < most ? n : most;
 }
 
-/* One more than threads, so that nobody waits for the view whose turn it is. */
-static size_t slot_count(const layout *at, int threads) {
-    size_t n = (size_t)at->pairs * at->bands, most = threads > 1 ? (size_t)threads + 1 : 1;
-    return n < most ? n : most;
+/* An array whose contents don't matter, made larger if need be. */
+static pbs_code make_room(pbs_run *run, void *array, size_t *have, size_t count, size_t size,
+                          const char *what, pbs_err *err) {
+    void *old;
+    memcpy(&old, array, sizeof old);
+    if (old && *have >= count) return PBS_OK;
+    pbs_free(run, old);
+    *have = 0;
+    pbs_code rc = pbs_alloc(run, array, count, size, what, err); /* NULL after an error */
+    if (!rc) *have = count;
+    return rc;
 }
 
 /* ---- arrays of points ---- */
@@ -187,20 +157,14 @@ static void lay_out(pbs_resolve_out *out, void *block, size_t room, uint32_t cha
 }
 
 /* Empty arrays for `room` points a view. */
-static pbs_code make_room(job *j, slot *s, size_t room, pbs_err *err) {
+static pbs_code make_points(pbs_gbuffers *g, slot *s, size_t room, pbs_err *err) {
     for (int i = 0; i < 2; i++) {
-        if (room > s->room || !s->block[i]) {
-            pbs_free(j->run, s->block[i]);
-            pbs_code rc = pbs_alloc(j->run, &s->block[i], block_size(room, j->channels), 1,
-                                    "the candidates of a view", err);
-            if (rc) {
-                s->room = 0;
-                return rc;
-            }
-        }
+        pbs_code rc =
+            make_room(g->run, &s->block[i], &s->bytes[i], block_size(room, g->set.channels), 1,
+                      "the candidates of a view", err);
+        if (rc) return rc;
+        lay_out(&s->out[i], s->block[i], room, g->set.channels);
     }
-    s->room = room > s->room ? room : s->room;
-    for (int i = 0; i < 2; i++) lay_out(&s->out[i], s->block[i], s->room, j->channels);
     return PBS_OK;
 }
 
@@ -218,7 +182,7 @@ static void append(pbs_resolve_out *to, const pbs_resolve_out *from) {
 /* ---- drawing ---- */
 
 typedef struct question {
-    const pbs_shader *shader;
+    const pbs_surfaces *surfaces;
     pbs_placed place;
     uint32_t triangle;
     pbs_lanes lanes;
@@ -227,19 +191,19 @@ typedef struct question {
 static bool ask(void *ctx, uint32_t x, uint32_t y) {
     question *q = ctx;
     pbs_resolve_one(&q->place, q->triangle, x, y, &q->lanes);
-    return pbs_shader_keep(q->shader, &q->lanes, 0);
+    return pbs_surfaces_keep(q->surfaces, &q->lanes, 0);
 }
 
 /* A mesh that may have masked triangles: runs of others between them. */
-static void draw_mixed(const job *j, pbs_raster *r, const pbs_pair *pair, uint32_t d,
+static void draw_mixed(const pbs_resolve *set, pbs_raster *r, const pbs_pair *pair, uint32_t d,
                        const pbs_snapped *v, bool finite) {
-    const pbs_mesh *mesh = j->scene->draws[d].mesh;
+    const pbs_mesh *mesh = set->draws[d].mesh;
     question q;
-    q.shader = &j->shader, q.place.draw = NULL;
-    uint32_t run = 0, first = j->first[d];
+    q.surfaces = set->surfaces, q.place.draw = NULL;
+    uint32_t run = 0, first = set->first[d];
     for (uint32_t i = 0; i < mesh->triangles; i++) {
-        if (!pbs_shader_asks(&j->shader, mesh, i)) continue;
-        if (!q.place.draw) pbs_place(&q.place, pair, &j->scene->draws[d], d, first);
+        if (!pbs_surfaces_asks(set->surfaces, mesh, i)) continue;
+        if (!q.place.draw) pbs_place(&q.place, pair, &set->draws[d], d, first);
         pbs_raster_draw(r, v, mesh->index + 3 * (size_t)run, i - run, first + run, finite);
         q.triangle = i;
         pbs_raster_draw_masked(r, v, mesh->index + 3 * (size_t)i, first + i, ask, &q);
@@ -249,84 +213,97 @@ static void draw_mixed(const job *j, pbs_raster *r, const pbs_pair *pair, uint32
                     finite);
 }
 
-static pbs_code draw_all(job *j, pbs_raster *r, const pbs_pair *pair, pbs_snapped *v,
+static void draw_mesh(const pbs_resolve *set, pbs_raster *r, const pbs_pair *pair, uint32_t d,
+                      pbs_snapped *v) {
+    const pbs_draw *draw = &set->draws[d];
+    const pbs_mesh *mesh = draw->mesh;
+    double m[12];
+    int32_t box[4];
+    if (!mesh->triangles || !mesh->vertices) return;
+    pbs_pair_project(m, pair, draw->m);
+    bool finite = pbs_raster_snap(m, mesh->position, mesh->vertices, r->simd, v, box);
+    if (!pbs_raster_sees(r, box)) return;
+    if (pbs_surfaces_may_ask(set->surfaces, mesh))
+        draw_mixed(set, r, pair, d, v, finite);
+    else
+        pbs_raster_draw(r, v, mesh->index, mesh->triangles, set->first[d], finite);
+}
+
+static void tell(pbs_gbuffers *g, uint64_t drawn) {
+    if (!g->progress) return;
+    uint64_t done = __atomic_add_fetch(&g->done, drawn, __ATOMIC_RELAXED);
+    pbs_run_progress(g->run, "drawing", done,
+                     g->stats.triangles * (uint64_t)g->at.views.pairs * g->at.bands);
+}
+
+static pbs_code draw_all(pbs_gbuffers *g, pbs_raster *r, const pbs_pair *pair, pbs_snapped *v,
                          pbs_err *err) {
-    uint64_t since = 0, total = j->triangles * (uint64_t)j->at.pairs * j->at.bands;
-    for (size_t d = 0; d < j->scene->draw_count; d++) {
-        const pbs_draw *draw = &j->scene->draws[d];
-        const pbs_mesh *mesh = draw->mesh;
-        double m[12];
-        int32_t box[4];
-        if (!mesh->triangles || !mesh->vertices) continue;
-        pbs_pair_project(m, pair, draw->m);
-        bool finite = pbs_raster_snap(m, mesh->position, mesh->vertices, r->simd, v, box);
-        if (!pbs_raster_sees(r, box)) {
-        } else if (j->shader.masked)
-            draw_mixed(j, r, pair, (uint32_t)d, v, finite);
-        else
-            pbs_raster_draw(r, v, mesh->index, mesh->triangles, j->first[d], finite);
-        since += mesh->triangles;
-        if (since < CHECK_EVERY && d + 1 < j->scene->draw_count) continue;
-        pbs_code rc = pbs_run_check(j->run, err);
-        if (rc) return rc;
-        uint64_t done = __atomic_add_fetch(&j->done, since, __ATOMIC_RELAXED);
-        pbs_run_progress(j->run, "drawing", done, total);
+    uint64_t since = 0;
+    pbs_code rc = PBS_OK;
+    for (size_t d = 0; !rc && d < g->set.draw_count; d++) {
+        draw_mesh(&g->set, r, pair, (uint32_t)d, v);
+        since += g->set.draws[d].mesh->triangles;
+        if (since < CHECK_EVERY && d + 1 < g->set.draw_count) continue;
+        rc = pbs_run_check(g->run, err);
+        tell(g, since);
         since = 0;
     }
-    return PBS_OK;
+    return rc;
 }
 
 /* A thread's buffers are taken when it gets its first piece of work. */
-static pbs_code set_up(job *j, bench *b, pbs_err *err) {
-    if (b->resolve) return PBS_OK;
-    size_t keys = 2 * largest(&j->at, j->at.bands) + PBS_KEY_PAD;
-    pbs_code rc = PBS_OK;
-    if (!b->key) rc = pbs_alloc(j->run, &b->key, keys, sizeof *b->key, "the depth buffer", err);
-    if (!rc && !b->vertex)
-        rc = pbs_alloc(j->run, &b->vertex, j->vertices, sizeof *b->vertex, "the vertices", err);
-    if (!rc && !b->column)
-        rc = pbs_alloc(j->run, &b->column, widest(&j->at), sizeof *b->column, "a row", err);
-    if (!rc) rc = pbs_alloc(j->run, &b->resolve, 1, sizeof *b->resolve, "the placed meshes", err);
+static pbs_code set_up(pbs_gbuffers *g, bench *b, pbs_err *err) {
+    size_t keys = 2 * largest(&g->at, g->at.bands) + PBS_KEY_PAD, one = 0;
+    pbs_code rc =
+        make_room(g->run, &b->key, &b->keys, keys, sizeof *b->key, "the depth buffer", err);
+    if (!rc)
+        rc = make_room(g->run, &b->vertex, &b->vertices, g->vertices, sizeof *b->vertex,
+                       "the vertices", err);
+    if (!rc)
+        rc = make_room(g->run, &b->column, &b->columns, widest(&g->at), sizeof *b->column, "a row",
+                       err);
+    if (!rc && !b->resolve)
+        rc = make_room(g->run, &b->resolve, &one, 1, sizeof *b->resolve, "the placed meshes", err);
     return rc;
 }
 
 static pbs_code source(void *ctx, void *item, bool *end, pbs_err *err) {
-    job *j = ctx;
+    pbs_gbuffers *g = ctx;
     slot *s = item;
     (void)err;
-    *end = j->next == (size_t)j->at.pairs * j->at.bands;
+    *end = g->next == (size_t)g->at.views.pairs * g->at.bands;
     if (*end) return PBS_OK;
-    s->pair = (int)(j->next / j->at.bands);
-    s->band = (uint32_t)(j->next++ % j->at.bands);
+    s->pair = (int)(g->next / g->at.bands);
+    s->band = (uint32_t)(g->next++ % g->at.bands);
     return PBS_OK;
 }
 
 static pbs_code work(void *ctx, void *item, int thread, pbs_err *err) {
-    job *j = ctx;
+    pbs_gbuffers *g = ctx;
     slot *s = item;
-    bench *b = &j->bench[thread];
-    const pbs_pair *pair = &j->at.pair[s->pair];
-    pbs_code rc = set_up(j, b, err);
+    bench *b = &g->bench[thread];
+    const pbs_pair *pair = &g->at.views.pair[s->pair];
+    pbs_code rc = set_up(g, b, err);
     if (rc) return rc;
     pbs_raster r = {.key = b->key, .width = pair->width, .simd = pbs_raster_simd()};
-    band_rows(&j->at, s->pair, s->band, &r.y0, &r.y1);
+    band_rows(&g->at, s->pair, s->band, &r.y0, &r.y1);
     pbs_raster_clear(&r);
-    if ((rc = draw_all(j, &r, pair, b->vertex, err))) return rc;
+    if ((rc = draw_all(g, &r, pair, b->vertex, err))) return rc;
     s->fragments = r.fragments;
     size_t room = (size_t)(r.y1 - r.y0) * r.width;
     room = r.fragments < room ? (size_t)r.fragments : room;
-    if ((rc = make_room(j, s, room, err))) return rc;
+    if ((rc = make_points(g, s, room, err))) return rc;
     b->resolve->column = b->column;
     b->resolve->simd = r.simd;
-    pbs_resolve_begin(b->resolve, &j->set, pair);
+    pbs_resolve_begin(b->resolve, &g->set, pair);
     pbs_resolve_band(b->resolve, &r, s->out);
     return PBS_OK;
 }
 
 /* ---- handing over ---- */
 
-static pbs_code hand_over(job *j, int number, const pbs_resolve_out out[2], pbs_err *err) {
-    const pbs_pair *p = &j->at.pair[number];
+static pbs_code hand_over(pbs_gbuffers *g, int number, const pbs_resolve_out out[2], pbs_err *err) {
+    const pbs_pair *p = &g->at.views.pair[number];
     pbs_code rc = PBS_OK;
     for (int odd = 0; !rc && odd < 2; odd++) {
         pbs_gbuffer_view view = {.view = 2 * number + odd,
@@ -340,110 +317,186 @@ static pbs_code hand_over(job *j, int number, const pbs_resolve_out out[2], pbs_
             view.up[k] = p->up[k];
             view.toward[k] = odd ? -p->toward[k] : p->toward[k];
         }
-        j->stats.candidates += view.points.count;
-        rc = j->sink(j->ctx, &view, err);
+        g->stats.candidates += view.points.count;
+        rc = g->sink(g->ctx, &view, err);
     }
     return rc;
 }
 
 static pbs_code drain(void *ctx, void *item, pbs_err *err) {
-    job *j = ctx;
+    pbs_gbuffers *g = ctx;
     slot *s = item;
-    j->stats.fragments += s->fragments;
-    if (j->at.bands == 1) return hand_over(j, s->pair, s->out, err);
+    g->stats.fragments += s->fragments;
+    if (g->at.bands == 1) return hand_over(g, s->pair, s->out, err);
     if (s->band == 0) {
-        pbs_code rc = make_room(j, &j->whole, largest(&j->at, 1), err);
+        pbs_code rc = make_points(g, &g->whole, largest(&g->at, 1), err);
         if (rc) return rc;
     }
-    for (int odd = 0; odd < 2; odd++) append(&j->whole.out[odd], &s->out[odd]);
-    return s->band + 1 < j->at.bands ? PBS_OK : hand_over(j, s->pair, j->whole.out, err);
+    for (int odd = 0; odd < 2; odd++) append(&g->whole.out[odd], &s->out[odd]);
+    return s->band + 1 < g->at.bands ? PBS_OK : hand_over(g, s->pair, g->whole.out, err);
 }
 
-static void free_slot(job *j, slot *s) {
-    for (int i = 0; i < 2; i++) pbs_free(j->run, s->block[i]);
-}
-
-static void free_job(job *j) {
-    pbs_run *run = j->run;
-    for (int i = 0; i < MAX_THREADS; i++) {
-        pbs_free(run, j->bench[i].key);
-        pbs_free(run, j->bench[i].vertex);
-        pbs_free(run, j->bench[i].column);
-        pbs_free(run, j->bench[i].resolve);
+/* What the pipe does with one thread, without its price. */
+static pbs_code alone(pbs_gbuffers *g, pbs_err *err) {
+    pbs_code rc = PBS_OK;
+    for (bool end = false; !rc;) {
+        rc = source(g, g->slots, &end, err);
+        if (end) break;
+        if (!rc) rc = work(g, g->slots, 0, err);
+        if (!rc) rc = drain(g, g->slots, err);
     }
-    for (int i = 0; i <= MAX_THREADS; i++) free_slot(j, &j->slots[i]);
-    free_slot(j, &j->whole);
-    pbs_shader_free(run, &j->shader);
-    pbs_free(run, j->first);
-    pbs_free(run, j);
+    return rc;
 }
 
-/* Numbers the triangles of all draws; finds the largest mesh. */
-static pbs_code number(job *j, pbs_err *err) {
-    const pbs_gbuffer_scene *scene = j->scene;
-    if (scene->draw_count >= UINT32_MAX)
-        return pbs_fail(err, PBS_USAGE, "too many meshes for one picture");
-    pbs_code rc = pbs_alloc(j->run, &j->first, scene->draw_count + 1, sizeof *j->first,
+/* ---- the entry ---- */
+
+static uint64_t count_triangles(const pbs_draw *draws, size_t draw_count) {
+    uint64_t n = 0;
+    for (size_t i = 0; i < draw_count; i++) {
+        const pbs_mesh *mesh = draws[i].mesh;
+        n += mesh->vertices ? mesh->triangles : 0;
+    }
+    return n;
+}
+
+static uint32_t most_vertices(const pbs_draw *draws, size_t draw_count) {
+    uint32_t most = 0;
+    for (size_t i = 0; i < draw_count; i++) {
+        const pbs_mesh *mesh = draws[i].mesh;
+        if (mesh->triangles && mesh->vertices > most) most = mesh->vertices;
+    }
+    return most;
+}
+
+/* Numbers the triangles of all draws. */
+static pbs_code number(pbs_gbuffers *g, const pbs_draw *draws, size_t draw_count, pbs_err *err) {
+    if (draw_count >= UINT32_MAX) return pbs_fail(err, PBS_USAGE, "too many meshes in one picture");
+    if (count_triangles(draws, draw_count) > UINT32_MAX - 1)
+        return pbs_fail(err, PBS_USAGE, "more than 2^32 - 2 triangles in one picture");
+    pbs_code rc = make_room(g->run, &g->first, &g->firsts, draw_count + 1, sizeof *g->first,
                             "the list of meshes", err);
     if (rc) return rc;
-    j->first[0] = 0;
-    for (size_t i = 0; i < scene->draw_count; i++) {
-        const pbs_mesh *mesh = scene->draws[i].mesh;
-        if (mesh->vertices) j->triangles += mesh->triangles;
-        if (mesh->triangles && mesh->vertices > j->vertices) j->vertices = mesh->vertices;
-        if (j->triangles > UINT32_MAX - 1)
-            return pbs_fail(err, PBS_USAGE, "more than 2^32 - 2 triangles in one picture");
-        j->first[i + 1] = (uint32_t)j->triangles;
-    }
+    g->first[0] = 0;
+    for (size_t i = 0; i < draw_count; i++)
+        g->first[i + 1] = g->first[i] + (uint32_t)count_triangles(draws + i, 1);
+    g->stats.triangles = g->first[draw_count];
     return PBS_OK;
 }
 
-size_t pbs_gbuffer_need(const pbs_gbuffer_scene *scene, const pbs_gbuffer_params *params,
-                        int threads) {
-    layout at;
-    size_t vertices = 0, t = (size_t)thread_count(threads);
-    if (plan(&at, params, (int)t, NULL)) return 0;
-    for (size_t i = 0; i < scene->draw_count; i++)
-        if (scene->draws[i].mesh->vertices > vertices) vertices = scene->draws[i].mesh->vertices;
-    size_t pieces = (size_t)at.pairs * at.bands, head = 128;
-    size_t own = 16 * largest(&at, at.bands) + 8 * PBS_KEY_PAD + sizeof(pbs_snapped) * vertices +
-                 4 * (size_t)widest(&at) + sizeof(pbs_resolve_scratch) + 4 * head;
-    size_t need = sizeof(job) + 4 * (scene->draw_count + 1) + 2 * head;
-    need += pbs_shader_need(scene, params->channels);
-    need += (t < pieces ? t : pieces) * own;
-    need +=
-        slot_count(&at, (int)t) * 2 * (block_size(largest(&at, at.bands), params->channels) + head);
-    if (at.bands > 1) need += 2 * (block_size(largest(&at, 1), params->channels) + head);
-    return need;
+static pbs_code begin(pbs_gbuffers *g, const pbs_draw *draws, size_t draw_count,
+                      const pbs_gbuffer_params *params, pbs_err *err) {
+    uint32_t shown = params->channels & (PBS_COLOUR | PBS_MATERIAL | PBS_EMISSIVE);
+    if (shown & ~g->surfaces->channels)
+        return pbs_fail(err, PBS_USAGE, "the surfaces were not made for all of these channels");
+    g->stats = (pbs_gbuffer_stats){0};
+    pbs_code rc = number(g, draws, draw_count, err);
+    if (!rc) rc = plan(&g->at, params, g->stats.triangles, g->threads, err);
+    if (rc) return rc;
+    g->set = (pbs_resolve){draws, draw_count, g->surfaces, g->first, params->channels};
+    g->vertices = most_vertices(draws, draw_count);
+    g->stats.pixel = g->at.views.pixel;
+    g->progress = params->progress;
+    g->done = 0, g->next = 0;
+    return PBS_OK;
 }
 
-pbs_code pbs_gbuffer(pbs_run *run, const pbs_gbuffer_scene *scene, const pbs_gbuffer_params *params,
+pbs_code pbs_gbuffer(pbs_gbuffers *g, const pbs_draw *draws, size_t draw_count,
+                     const pbs_gbuffer_params *params,
                      pbs_code (*sink)(void *ctx, const pbs_gbuffer_view *view, pbs_err *err),
                      void *ctx, pbs_gbuffer_stats *stats, pbs_err *err) {
-    job *j;
-    int threads = thread_count(run->threads);
-    pbs_code rc = pbs_alloc(run, &j, 1, sizeof *j, "the list of views", err);
+    pbs_code rc = begin(g, draws, draw_count, params, err);
     if (rc) return rc;
-    memset(j, 0, sizeof *j);
-    j->run = run, j->scene = scene, j->channels = params->channels;
-    j->sink = sink, j->ctx = ctx;
-    rc = plan(&j->at, params, threads, err);
-    if (!rc) rc = number(j, err);
-    if (!rc) rc = pbs_shader_init(run, &j->shader, scene, params->channels, err);
-    j->set = (pbs_resolve){scene, &j->shader, j->first, params->channels};
-    j->stats.triangles = j->triangles;
-    j->stats.pixel = j->at.pixel;
-    if (!rc) {
-        pbs_pipe pipe = {.ctx = j,
-                         .source = source,
-                         .work = work,
-                         .sink = drain,
-                         .slots = j->slots,
-                         .slot_size = sizeof j->slots[0],
-                         .slot_count = (int)slot_count(&j->at, threads)};
-        rc = pbs_pipe_run(run, &pipe, err);
-    }
-    if (!rc && stats) *stats = j->stats;
-    free_job(j);
+    g->sink = sink, g->ctx = ctx;
+    pbs_pipe pipe = {.ctx = g,
+                     .source = source,
+                     .work = work,
+                     .sink = drain,
+                     .slots = g->slots,
+                     .slot_size = sizeof g->slots[0],
+                     .slot_count = (int)slot_count(&g->at)};
+    rc = g->at.threads > 1 ? pbs_pipe_run(g->run, &pipe, err) : alone(g, err);
+    if (!rc && stats) *stats = g->stats;
     return rc;
+}
+
+/* ---- buffers ---- */
+
+pbs_code pbs_gbuffers_new(pbs_run *run, const pbs_surfaces *surfaces, int threads,
+                          pbs_gbuffers **out, pbs_err *err) {
+    pbs_gbuffers *g;
+    *out = NULL;
+    pbs_code rc = pbs_alloc(run, &g, 1, sizeof *g, "the views", err);
+    if (rc) return rc;
+    *g = (pbs_gbuffers){.run = run, .surfaces = surfaces};
+    g->threads = threads > 1 ? thread_count(run->threads) : 1;
+    size_t n = (size_t)g->threads;
+    rc = pbs_alloc(run, &g->bench, n, sizeof *g->bench, "the threads", err);
+    if (!rc) memset(g->bench, 0, n * sizeof *g->bench);
+    if (!rc) rc = pbs_alloc(run, &g->slots, n + 1, sizeof *g->slots, "the list of views", err);
+    if (!rc) memset(g->slots, 0, (n + 1) * sizeof *g->slots);
+    if (rc)
+        pbs_gbuffers_free(g);
+    else
+        *out = g;
+    return rc;
+}
+
+static void free_slot(pbs_run *run, slot *s) {
+    for (int i = 0; i < 2; i++) pbs_free(run, s->block[i]);
+}
+
+void pbs_gbuffers_free(pbs_gbuffers *g) {
+    if (!g) return;
+    pbs_run *run = g->run;
+    for (int i = 0; g->bench && i < g->threads; i++) {
+        pbs_free(run, g->bench[i].key);
+        pbs_free(run, g->bench[i].vertex);
+        pbs_free(run, g->bench[i].column);
+        pbs_free(run, g->bench[i].resolve);
+    }
+    for (int i = 0; g->slots && i <= g->threads; i++) free_slot(run, &g->slots[i]);
+    free_slot(run, &g->whole);
+    pbs_free(run, g->slots);
+    pbs_free(run, g->bench);
+    pbs_free(run, g->first);
+    pbs_free(run, g);
+}
+
+/* What an array of `bytes` takes, if one of `held` is there already. */
+static size_t more(size_t bytes, size_t held) {
+    const size_t head = 128;
+    return held && held >= bytes ? 0 : bytes + head - held;
+}
+
+static size_t bench_need(const layout *at, const bench *b, size_t vertices) {
+    size_t need = more(8 * (2 * largest(at, at->bands) + PBS_KEY_PAD), 8 * b->keys);
+    need += more(sizeof(pbs_snapped) * vertices, sizeof(pbs_snapped) * b->vertices);
+    need += more(4 * (size_t)widest(at), 4 * b->columns);
+    return need + more(sizeof(pbs_resolve_scratch), b->resolve ? sizeof(pbs_resolve_scratch) : 0);
+}
+
+static size_t slot_need(const slot *s, size_t bytes) {
+    return more(bytes, s->bytes[0]) + more(bytes, s->bytes[1]);
+}
+
+size_t pbs_gbuffer_need(const pbs_gbuffers *g, const pbs_draw *draws, size_t draw_count,
+                        const pbs_gbuffer_params *params, int threads) {
+    layout at;
+    const bench no_bench = {0};
+    const slot no_slot = {0};
+    size_t t = (size_t)(g ? g->threads : thread_count(threads)), need = 0;
+    uint32_t channels = params->channels;
+    if (plan(&at, params, count_triangles(draws, draw_count), (int)t, NULL)) return 0;
+    if (!g)
+        need = more(sizeof *g, 0) + more(t * sizeof(bench), 0) + more((t + 1) * sizeof(slot), 0);
+    need += more(4 * (draw_count + 1), g ? 4 * g->firsts : 0);
+    size_t vertices = most_vertices(draws, draw_count);
+    for (size_t i = 0; i < (size_t)at.threads; i++)
+        need += bench_need(&at, g ? &g->bench[i] : &no_bench, vertices);
+    for (size_t i = 0; i < slot_count(&at); i++)
+        need +=
+            slot_need(g ? &g->slots[i] : &no_slot, block_size(largest(&at, at.bands), channels));
+    if (at.bands > 1)
+        need += slot_need(g ? &g->whole : &no_slot, block_size(largest(&at, 1), channels));
+    return need;
 }

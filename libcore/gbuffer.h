@@ -2,42 +2,45 @@
  *
  * Our own rasteriser draws the node orthographically from opposite pairs of directions into
  * depth + triangle id buffers, and resolves every covered pixel to a candidate: position, normal,
- * colour, material. All views share one pixel size. The paper knows opaque surfaces only: masked
- * materials are tested per fragment, blended ones count as opaque and keep their alpha.
- * Orientation is not trusted: nothing is culled by facing, normals are turned to the viewer.
+ * colour, material. The paper knows opaque surfaces only: masked materials are tested per
+ * fragment, blended ones count as opaque and keep their alpha. Orientation is not trusted: nothing
+ * is culled by facing, normals are turned to the viewer.
+ *
+ * A hierarchy has thousands of nodes, most of them small. What they share is made once:
+ * pbs_surfaces. What a node needs for itself is kept from node to node, since fresh memory costs
+ * as much as drawing: pbs_gbuffers, one for each thread that has nodes drawn.
  */
 #ifndef PBS_GBUFFER_H
 #define PBS_GBUFFER_H
 
-#include "libcore/mesh.h"
 #include "libcore/record.h"
 #include "libcore/run.h"
+#include "libcore/views.h"
 
-#define PBS_GBUFFER_MAX_PAIRS 16
-#define PBS_GBUFFER_MAX_SIZE  16384
+/* Materials, and their textures' pyramids; any number of threads may read it. */
+typedef struct pbs_surfaces pbs_surfaces;
 
-typedef struct pbs_gbuffer_scene {
-    const pbs_draw *draws; /* in the node's frame: positions are relative to its origin */
-    size_t draw_count;     /* triangles of all draws together: at most 2^32 - 2 */
-    const pbs_material *materials;
-    size_t material_count;
-    const pbs_image *textures; /* rgba NULL: counts as white */
-    size_t texture_count;
-} pbs_gbuffer_scene;
+/* Builds the pyramids of those textures that a material shows in these channels (of PBS_COLOUR |
+ * MATERIAL | EMISSIVE; masked materials always need their colour). Materials and textures are
+ * borrowed as long as it lives; an image with rgba NULL counts as white. Free it with the same run;
+ * NULL is fine. Errors: PBS_LIMIT. */
+pbs_code pbs_surfaces_new(pbs_run *run, const pbs_material *materials, size_t material_count,
+                          const pbs_image *textures, size_t texture_count, uint32_t channels,
+                          pbs_surfaces **out, pbs_err *err);
+void pbs_surfaces_free(pbs_run *run, pbs_surfaces *s);
+/* Bytes that pbs_surfaces_new takes. */
+size_t pbs_surfaces_need(const pbs_material *materials, size_t material_count,
+                         const pbs_image *textures, size_t texture_count, uint32_t channels);
 
-typedef struct pbs_gbuffer_params {
-    int pairs; /* opposite pairs of directions: views = 2 * pairs; 0: the default */
-    double direction[PBS_GBUFFER_MAX_PAIRS]
-                    [3]; /* towards the viewer of the even view; length free */
-    uint32_t resolution; /* pixels along the longest side of the largest view; 1 .. MAX_SIZE */
-    uint32_t channels;   /* of PBS_NORMAL | COLOUR | MATERIAL | EMISSIVE; position always */
-    pbs_box box;         /* of the drawn scene in the node's frame, not empty */
-} pbs_gbuffer_params;
+/* Buffers for one node at a time. They grow as needed and are kept until the end. */
+typedef struct pbs_gbuffers pbs_gbuffers;
 
-/* The default: the four diagonals of a cube, views 2k and 2k + 1 opposite. A cube and not the
- * node's box, as the paper has it: from the corners of a flat box its big faces are seen edge-on.
- */
-extern const double PBS_GBUFFER_CORNERS[4][3];
+/* threads: how many a call may use: 1, or more for all of run's. 1 is right for calls from inside
+ * another's work, each thread with buffers of its own. run and surfaces are borrowed as long as it
+ * lives. Errors: PBS_LIMIT. NULL can be freed. */
+pbs_code pbs_gbuffers_new(pbs_run *run, const pbs_surfaces *surfaces, int threads,
+                          pbs_gbuffers **out, pbs_err *err);
+void pbs_gbuffers_free(pbs_gbuffers *g);
 
 /* One view, resolved: the covered pixels in row order, bottom row first. */
 typedef struct pbs_gbuffer_view {
@@ -56,14 +59,20 @@ typedef struct pbs_gbuffer_stats {
     double pixel;
 } pbs_gbuffer_stats;
 
-size_t pbs_gbuffer_need(const pbs_gbuffer_scene *scene, const pbs_gbuffer_params *params,
-                        int threads);
+/* Bytes that a call takes at most, beside what g holds already. g NULL: those of a new one for
+ * `threads` threads, which counts in this case only. Parameters out of range: 0. */
+size_t pbs_gbuffer_need(const pbs_gbuffers *g, const pbs_draw *draws, size_t draw_count,
+                        const pbs_gbuffer_params *params, int threads);
 
-/* Calls sink once a view, in order. Same views for any number of threads, and for any order of
- * the triangles up to ties in depth, which go to the lower (draw, triangle). A surface seen
- * edge-on or smaller than a pixel may leave no candidate: that is what resolution is for.
- * Errors: PBS_LIMIT, PBS_CANCEL, PBS_USAGE for parameters out of range, and the sink's. */
-pbs_code pbs_gbuffer(pbs_run *run, const pbs_gbuffer_scene *scene, const pbs_gbuffer_params *params,
+/* Draws a node. draws are in its frame: positions are relative to its origin; at most 2^32 - 2
+ * triangles together. Calls sink once a view, in order. Same views for any number of threads, and
+ * for any order of the triangles up to ties in depth, which go to the lower (draw, triangle). A
+ * surface seen edge-on or smaller than a pixel may leave no candidate: that is what resolution is
+ * for. stats may be NULL. After an error g can be used again.
+ * Errors: PBS_LIMIT, PBS_CANCEL, PBS_USAGE for parameters out of range and for channels that the
+ * surfaces were not made for, and the sink's. */
+pbs_code pbs_gbuffer(pbs_gbuffers *g, const pbs_draw *draws, size_t draw_count,
+                     const pbs_gbuffer_params *params,
                      pbs_code (*sink)(void *ctx, const pbs_gbuffer_view *view, pbs_err *err),
                      void *ctx, pbs_gbuffer_stats *stats, pbs_err *err);
 #endif

@@ -13,7 +13,7 @@
  * be symmetric.
  *
  * Threads take ranges of the curve. A candidate whose ball may reach outside the range is left to
- * a second round with other ranges, and then to one thread. What is chosen with d >= bound does
+ * a second round with other borders, and then to one thread. What is chosen with d >= bound does
  * not depend on the order, so it does not depend on the ranges either.
  *
  * This file is compiled a second time for AVX2, by greedy_avx2.c. */
@@ -32,6 +32,7 @@ enum {
     BALL = 2048,  /* one by one until a ball holds about so many points */
     BLOCKS = 512, /* of a worker's neighbour lists */
     LONGEST = 64, /* blocks of one list */
+    SECOND = 16,  /* leaves left over that are worth a thread again */
     QUEUE = 4096  /* leaves that one candidate's ball may touch, in parallel rounds */
 };
 
@@ -53,8 +54,9 @@ typedef struct list {
 
 typedef struct worker {
     struct pbs_greedy *g;
-    size_t begin, end; /* fans */
-    bool alone;        /* nobody else works, and the queue has room for everything */
+    size_t begin, end; /* of the fans: those of them that it owns are its own */
+    uint8_t number;
+    bool alone; /* nobody else works, and the queue has room for everything: all are its own */
     size_t made;
     uint64_t epoch;
     uint32_t used; /* blocks */
@@ -81,7 +83,8 @@ struct pbs_greedy {
     int parts;
     uint64_t epochs;
     list *list;
-    worker *worker; /* one more than parts, for the shifted round */
+    uint8_t *owner; /* of each fan: the number of its worker */
+    worker *worker;
 };
 
 static size_t fans_padded(const pbs_tree *t, int level) {
@@ -102,9 +105,10 @@ static void layout(pbs_greedy *g, const pbs_tree *t, size_t candidates, pbs_layo
     g->surfel = pbs_layout_take(l, g->surfels * sizeof *g->surfel);
     g->list = pbs_layout_take(l, fans * sizeof *g->list);
     int parts = pbs_parts_most(fans, PART);
-    g->worker = pbs_layout_take(l, (size_t)(parts + 1) * sizeof *g->worker);
+    g->owner = pbs_layout_take(l, fans);
+    g->worker = pbs_layout_take(l, (size_t)parts * sizeof *g->worker);
     size_t alone = room_alone(t);
-    for (int i = 0; i <= parts; i++) {
+    for (int i = 0; i < parts; i++) {
         /* The first is also the one that works alone. */
         size_t room = i ? QUEUE : alone;
         void *queue = pbs_layout_take(l, room * sizeof(uint32_t));
@@ -355,10 +359,12 @@ static void queue_below(worker *w, const probe *p, int level, size_t fan) {
 
 /* Queues the leaves that p may reach. False: not all of them are this worker's, or too many. */
 static bool reach(worker *w, const probe *p) {
+    const pbs_tree *t = w->g->t;
+    const uint8_t *owner = w->g->owner;
     w->queued = w->rivals = 0;
     const list *l = neighbours(w, p->slot / PBS_FAN_POINTS);
     if (l->blocks == NO_LIST) {
-        if (w->alone) queue_below(w, p, w->g->t->levels - 1, 0);
+        if (w->alone) queue_below(w, p, t->levels - 1, 0);
         return w->alone;
     }
     for (uint32_t i = 0; i < l->blocks; i++) {
@@ -366,7 +372,7 @@ static bool reach(worker *w, const probe *p) {
         if (w->queued + PBS_FAN * PBS_FAN > w->room) return false;
         for (unsigned m = fan_near(&b->box, p->at.p); m; m &= m - 1) {
             uint32_t fan = b->fan[__builtin_ctz(m)];
-            if (fan < w->begin || fan >= w->end) return false;
+            if (!w->alone && owner[fan] != w->number) return false;
             queue_fan(w, p, fan);
         }
     }
@@ -404,6 +410,7 @@ static bool settle(worker *w, size_t leaf) {
 static pbs_code sweep(worker *w, pbs_err *err) {
     const pbs_tree *t = w->g->t;
     for (size_t f = w->begin; f < w->end; f++) {
+        if (!w->alone && w->g->owner[f] != w->number) continue;
         unsigned left = 0, m;
         while ((m = fan_at_least(&t->fan[0][f], w->g->bound) & ~left)) {
             unsigned c = (unsigned)__builtin_ctz(m);
@@ -425,48 +432,97 @@ static pbs_code sweep_part(void *ctx, size_t i, int thread, pbs_err *err) {
     return sweep(&g->worker[i], err);
 }
 
-static void worker_init(worker *w, pbs_greedy *g, bool alone) {
+static void worker_init(pbs_greedy *g, int number, bool alone) {
+    worker *w = &g->worker[number];
     w->g = g;
     w->begin = 0, w->end = g->t->fans[0];
+    w->number = (uint8_t)number;
     w->alone = alone;
     w->room = alone ? room_alone(g->t) : QUEUE;
     w->made = w->used = 0;
     w->epoch = ++g->epochs << 32;
 }
 
-/* Cuts the fans into ranges with about the same number of leaves that have something to choose;
- * shifted: by half a range, so that one more is needed. */
-static void cut_ranges(pbs_greedy *g, bool shifted, size_t ranges) {
-    const pbs_fan *f = g->t->fan[0];
-    size_t n = g->t->fans[0], total = 0, sum = 0, last = 0;
-    for (size_t i = 0; i < n; i++)
-        total += (unsigned)__builtin_popcount(fan_at_least(&f[i], g->bound));
-    for (size_t i = 0; i < ranges; i++) worker_init(&g->worker[i], g, false);
-    for (size_t i = 0; i < n; i++) {
-        while (last + 1 < ranges && sum * 2 * (size_t)g->parts >= total * (2 * last + 2 - shifted))
-            g->worker[last].end = i, g->worker[++last].begin = i;
-        sum += (unsigned)__builtin_popcount(fan_at_least(&f[i], g->bound));
-    }
-    for (; last + 1 < ranges; last++) g->worker[last + 1].begin = n;
+/* How many leaves of a fan have something to choose. */
+static size_t leaves_left(const pbs_greedy *g, size_t fan) {
+    return (size_t)__builtin_popcount(fan_at_least(&g->t->fan[0][fan], g->bound));
 }
 
-static pbs_code sweep_round(pbs_greedy *g, bool shifted, pbs_err *err) {
-    size_t ranges = (size_t)g->parts + shifted;
-    cut_ranges(g, shifted, ranges);
-    pbs_code rc = pbs_parallel(g->run, ranges, sweep_part, g, err);
-    for (size_t i = 0; i < ranges; i++) g->made += g->worker[i].made;
+/* First round: every worker owns a range of the curve, with about the same number of leaves that
+ * have something to choose. */
+static void own_ranges(pbs_greedy *g) {
+    size_t n = g->t->fans[0], total = 0, sum = 0;
+    int last = 0;
+    for (size_t f = 0; f < n; f++) total += leaves_left(g, f);
+    for (size_t f = 0; f < n; f++) {
+        while (last + 1 < g->parts && sum * (size_t)g->parts >= total * (size_t)(last + 1))
+            g->worker[last].end = f, g->worker[++last].begin = f;
+        sum += leaves_left(g, f);
+        g->owner[f] = (uint8_t)last;
+    }
+    for (; last + 1 < g->parts; last++) g->worker[last + 1].begin = n;
+}
+
+enum { SLICES = 256 };
+
+/* Which slice of the box across its longest side a fan is in. */
+static int slice_of(const pbs_greedy *g, size_t fan, int axis, float low, float per) {
+    const pbs_fan *f = &g->t->fan[0][fan];
+    float at = (f->low[axis][0] - low) * per; /* the first child is always there */
+    return at > 0 ? at < SLICES - 1 ? (int)at : SLICES - 1 : 0;
+}
+
+/* Second round: what the first has left lies along the borders of its ranges. Across the longest
+ * side of the box around that, every worker owns a slab. False: it is not worth it. */
+static bool own_slabs(pbs_greedy *g) {
+    float low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
+    size_t n = g->t->fans[0], total = 0, left[SLICES] = {0}, sum = 0;
+    int axis = 0;
+    uint8_t owner[SLICES];
+    for (size_t f = 0; f < n; f++) {
+        size_t here = leaves_left(g, f);
+        total += here;
+        for (int k = 0; k < 3 && here; k++) {
+            float at = g->t->fan[0][f].low[k][0];
+            low[k] = at < low[k] ? at : low[k];
+            high[k] = at > high[k] ? at : high[k];
+        }
+    }
+    if (total < (size_t)g->parts * SECOND) return false;
+    for (int k = 1; k < 3; k++)
+        if (high[k] - low[k] > high[axis] - low[axis]) axis = k;
+    float side = high[axis] - low[axis], per = side > 0 ? SLICES / side : 0;
+    for (size_t f = 0; f < n; f++) left[slice_of(g, f, axis, low[axis], per)] += leaves_left(g, f);
+    for (int i = 0; i < SLICES; i++) {
+        owner[i] = (uint8_t)(sum * (size_t)g->parts / total);
+        sum += left[i];
+        if (owner[i] >= g->parts) owner[i] = (uint8_t)(g->parts - 1);
+    }
+    for (size_t f = 0; f < n; f++) g->owner[f] = owner[slice_of(g, f, axis, low[axis], per)];
+    return true;
+}
+
+static pbs_code sweep_round(pbs_greedy *g, pbs_err *err) {
+    pbs_code rc = pbs_parallel(g->run, (size_t)g->parts, sweep_part, g, err);
+    for (int i = 0; i < g->parts; i++) g->made += g->worker[i].made;
     return rc;
 }
 
-/* All that have d >= bound. With two threads little is left after the first round. */
+/* All that have d >= bound. What is left after two rounds, next to nothing, one thread does. */
 static pbs_code sweep_all(pbs_greedy *g, pbs_err *err) {
-    pbs_code rc = g->parts > 1 ? sweep_round(g, false, err) : PBS_OK;
-    if (!rc && g->parts > 2) rc = sweep_round(g, true, err);
+    pbs_code rc = PBS_OK;
+    for (int round = 0; round < 2 && g->parts > 1 && !rc; round++) {
+        for (int i = 0; i < g->parts; i++) worker_init(g, i, false);
+        if (round == 0)
+            own_ranges(g);
+        else if (!own_slabs(g))
+            break;
+        rc = sweep_round(g, err);
+    }
     if (rc) return rc;
-    worker *w = &g->worker[0];
-    worker_init(w, g, true);
-    rc = sweep(w, err);
-    g->made += w->made;
+    worker_init(g, 0, true);
+    rc = sweep(&g->worker[0], err);
+    g->made += g->worker[0].made;
     return rc;
 }
 

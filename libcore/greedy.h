@@ -26,8 +26,13 @@ void pbs_greedy_layout(const pbs_tree *t, size_t candidates, pbs_layout *scratch
 void pbs_greedy_layout_avx2(const pbs_tree *t, size_t candidates, pbs_layout *scratch);
 
 /* Reads the result off the tree: the first `wanted` in order, their spacing, and the rest of
- * *result but `invalid`. Destroys the tree. */
-void pbs_greedy_result(pbs_tree *t, size_t first, size_t wanted, pbs_layout *scratch,
-                       uint32_t *order, float *spacing, pbs_sample_result *result);
+ * *result but `invalid`. Changes the d of the tree. */
+pbs_code pbs_greedy_result(pbs_run *run, pbs_tree *t, size_t first, size_t wanted,
+                           pbs_layout *scratch, uint32_t *order, float *spacing,
+                           pbs_sample_result *result, pbs_err *err);
+pbs_code pbs_greedy_result_avx2(pbs_run *run, pbs_tree *t, size_t first, size_t wanted,
+                                pbs_layout *scratch, uint32_t *order, float *spacing,
+                                pbs_sample_result *result, pbs_err *err);
 void pbs_greedy_result_layout(size_t candidates, size_t wanted, pbs_layout *scratch);
+void pbs_greedy_result_layout_avx2(size_t candidates, size_t wanted, pbs_layout *scratch);
 #endif

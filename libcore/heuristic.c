@@ -187,22 +187,21 @@ static pbs_code choose_random(pbs_run *run, pbs_tree *t, const pbs_sample_params
     return rc;
 }
 
-pbs_code pbs_heuristic_run(pbs_run *run, const pbs_metric *m, const pbs_points *in, size_t invalid,
+pbs_code pbs_heuristic_run(pbs_run *run, pbs_tree *t, const pbs_points *in,
                            const pbs_sample_params *params, pbs_layout scratch, uint32_t *order,
                            float *spacing, pbs_sample_result *result, pbs_err *err) {
-    pbs_tree t = {.metric = *m, .invalid = invalid};
     pbs_code rc = PBS_OK;
     size_t made = 0;
     if (params->method == PBS_PAPER)
-        rc = pbs_paper_choose(run, m, in, params, scratch, order, spacing, &made, err);
-    pbs_tree_layout(&t, in->count, &scratch);
+        rc = pbs_paper_choose(run, &t->metric, in, params, scratch, order, spacing, &made, err);
+    pbs_tree_layout(t, in->count, &scratch);
     uint32_t *slot = pbs_layout_take(&scratch, in->count * sizeof *slot);
-    if (!rc) rc = (pbs_cpu_has_avx2() ? pbs_tree_build_avx2 : pbs_tree_build)(run, &t, in, err);
+    if (!rc) rc = (pbs_cpu_has_avx2() ? pbs_tree_build_avx2 : pbs_tree_build)(run, t, in, err);
     if (!rc && params->method == PBS_PAPER)
-        rc = cover(run, &t, order, made, slot, err);
+        rc = cover(run, t, order, made, slot, err);
     else if (!rc)
-        rc = choose_random(run, &t, params, slot, order, spacing, &made, err);
-    if (!rc) finish(&t, made, result);
+        rc = choose_random(run, t, params, slot, order, spacing, &made, err);
+    if (!rc) finish(t, made, result);
     return rc;
 }
 

@@ -5,8 +5,9 @@
 #include "libcore/candidates.h"
 #include "libcore/sample.h"
 
-/* PBS_PAPER and PBS_RANDOM; as pbs_sample, with the metric set and in->count - invalid > 0. */
-pbs_code pbs_heuristic_run(pbs_run *run, const pbs_metric *m, const pbs_points *in, size_t invalid,
+/* PBS_PAPER and PBS_RANDOM; as pbs_sample, with metric and invalid of the tree set, and
+ * in->count - invalid > 0. The tree is built in the scratch. */
+pbs_code pbs_heuristic_run(pbs_run *run, pbs_tree *t, const pbs_points *in,
                            const pbs_sample_params *params, pbs_layout scratch, uint32_t *order,
                            float *spacing, pbs_sample_result *result, pbs_err *err);
 

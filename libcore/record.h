@@ -26,4 +26,10 @@ typedef struct pbs_points {
     int16_t *normal;
     uint8_t *colour, *material, *emissive;
 } pbs_points;
+
+static inline uint32_t pbs_points_channels(const pbs_points *p) {
+    return (p->position ? PBS_POSITION : 0) | (p->spacing ? PBS_SPACING : 0) |
+           (p->normal ? PBS_NORMAL : 0) | (p->colour ? PBS_COLOUR : 0) |
+           (p->material ? PBS_MATERIAL : 0) | (p->emissive ? PBS_EMISSIVE : 0);
+}
 #endif

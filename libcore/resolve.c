@@ -20,7 +20,7 @@ void pbs_place(pbs_placed *p, const pbs_pair *pair, const pbs_draw *draw, uint32
 
 /* The last draw whose first triangle is not behind id. */
 static uint32_t draw_of(const pbs_resolve *set, uint32_t id) {
-    size_t lo = 0, n = set->scene->draw_count;
+    size_t lo = 0, n = set->draw_count;
     while (n > 1) {
         size_t half = n / 2;
         if (set->first[lo + half] <= id) lo += half;
@@ -38,7 +38,7 @@ static pbs_placed *placed(pbs_resolve_scratch *s, uint32_t id) {
     pbs_placed *p = &s->cache[slot];
     if (!p->draw || p->number != d) {
         if (s->used[slot] == s->batch) return NULL;
-        pbs_place(p, s->pair, &set->scene->draws[d], d, set->first[d]);
+        pbs_place(p, s->pair, &set->draws[d], d, set->first[d]);
     }
     s->used[slot] = s->batch;
     s->last = d;
@@ -138,11 +138,11 @@ static void compute(const pbs_resolve_scratch *s, pbs_lanes *b, bool odd) {
     }
 }
 
-static void shade(const pbs_shader *shader, const pbs_lanes *b, pbs_points *to, size_t n) {
+static void shade(const pbs_surfaces *surfaces, const pbs_lanes *b, pbs_points *to, size_t n) {
     for (int i = 0; i < b->count; i++, n++) {
-        if (to->colour) pbs_shader_colour(shader, b, i, to->colour + 4 * n);
-        if (to->material) pbs_shader_material(shader, b, i, to->material + 4 * n);
-        if (to->emissive) pbs_shader_emissive(shader, b, i, to->emissive + 4 * n);
+        if (to->colour) pbs_surfaces_colour(surfaces, b, i, to->colour + 4 * n);
+        if (to->material) pbs_surfaces_material(surfaces, b, i, to->material + 4 * n);
+        if (to->emissive) pbs_surfaces_emissive(surfaces, b, i, to->emissive + 4 * n);
     }
 }
 
@@ -158,7 +158,7 @@ static void put(const pbs_resolve_scratch *s, uint32_t y, bool odd, pbs_resolve_
             to->position[3 * (n + (size_t)i) + (size_t)k] = b->position[k][i];
     }
     if (to->normal) memcpy(to->normal + 2 * n, b->code, 4 * (size_t)b->count);
-    if (to->colour || to->material || to->emissive) shade(s->set->shader, b, to, n);
+    if (to->colour || to->material || to->emissive) shade(s->set->surfaces, b, to, n);
     to->count += (size_t)b->count;
 }
 
@@ -177,8 +177,8 @@ void pbs_resolve_begin(pbs_resolve_scratch *s, const pbs_resolve *set, const pbs
     s->pair = pair;
     s->last = 0;
     s->batch = 0;
-    memset(s->cache, 0, sizeof s->cache);
-    memset(s->used, 0, sizeof s->used);
+    size_t slots = set->draw_count < PBS_RESOLVE_CACHE ? set->draw_count : PBS_RESOLVE_CACHE;
+    for (size_t i = 0; i < slots; i++) s->cache[i].draw = NULL, s->used[i] = 0;
 }
 
 void pbs_resolve_band(pbs_resolve_scratch *s, const pbs_raster *r, pbs_resolve_out out[2]) {

@@ -20,8 +20,9 @@
 
 /* What all threads read. */
 typedef struct pbs_resolve {
-    const pbs_gbuffer_scene *scene;
-    const pbs_shader *shader;
+    const pbs_draw *draws;
+    size_t draw_count;
+    const pbs_surfaces *surfaces;
     const uint32_t *first; /* draw_count + 1: number of the first triangle of each draw */
     uint32_t channels;
 } pbs_resolve;

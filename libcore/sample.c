@@ -3,6 +3,7 @@
 #include "libcore/greedy.h"
 #include "libcore/heuristic.h"
 #include "libcore/rng.h"
+#include "libcore/sampler.h"
 #include <stdlib.h>
 #include <sys/mman.h>
 
@@ -10,6 +11,7 @@ struct pbs_sampler {
     pbs_run *run;
     void *block;
     size_t size;
+    pbs_tree tree; /* of the last candidates; points 0: none */
 };
 
 pbs_code pbs_sampler_new(pbs_run *run, pbs_sampler **out, pbs_err *err) {
@@ -74,13 +76,19 @@ static pbs_code run_greedy(pbs_sampler *s, const pbs_points *in, const pbs_sampl
     size_t wanted = wanted_of(t->points, p);
     size_t first = pbs_random_below(pbs_random(p->seed, p->node, 0), (uint32_t)t->points);
     rc = (wide ? pbs_greedy_run_avx2 : pbs_greedy_run)(s->run, t, first, wanted, &l, err);
-    if (!rc) pbs_greedy_result(t, first, wanted, &l, order, spacing, result);
-    return rc;
+    if (rc) return rc;
+    return (wide ? pbs_greedy_result_avx2 : pbs_greedy_result)(s->run, t, first, wanted, &l, order,
+                                                               spacing, result, err);
+}
+
+pbs_tree *pbs_sampler_tree(pbs_sampler *s) {
+    return s->tree.points ? &s->tree : NULL;
 }
 
 pbs_code pbs_sample(pbs_sampler *s, const pbs_points *in, const pbs_sample_params *params,
                     uint32_t *order, float *spacing, pbs_sample_result *result, pbs_err *err) {
     pbs_tree t = {0};
+    s->tree.points = 0;
     *result = (pbs_sample_result){0};
     if (in->count > UINT32_MAX - 1)
         return pbs_fail(err, PBS_LIMIT, "%zu candidates in one node: at most %u are possible",
@@ -95,9 +103,12 @@ pbs_code pbs_sample(pbs_sampler *s, const pbs_points *in, const pbs_sample_param
     }
     rc = reserve(s, pbs_sample_need(in->count, params) - ALLOC_HEAD, err);
     if (rc) return rc;
-    if (params->method == PBS_GREEDY)
-        return run_greedy(s, in, params, &t, order, spacing, result, err);
-    pbs_layout l = {s->block, 0};
-    return pbs_heuristic_run(s->run, &t.metric, in, t.invalid, params, l, order, spacing, result,
-                             err);
+    if (params->method == PBS_GREEDY) {
+        rc = run_greedy(s, in, params, &t, order, spacing, result, err);
+    } else {
+        pbs_layout l = {s->block, 0};
+        rc = pbs_heuristic_run(s->run, &t, in, params, l, order, spacing, result, err);
+    }
+    if (!rc) s->tree = t;
+    return rc;
 }

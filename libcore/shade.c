@@ -7,15 +7,21 @@ static const pbs_material white = {.base = {1, 1, 1, 1},
                                    .material_texture.texture = PBS_NONE,
                                    .emissive_texture.texture = PBS_NONE};
 
-static uint32_t material_of(const pbs_shader *s, const pbs_mesh *mesh, uint32_t triangle) {
+static uint32_t material_of(const pbs_surfaces *s, const pbs_mesh *mesh, uint32_t triangle) {
     uint32_t m = mesh->triangle_material ? mesh->triangle_material[triangle] : mesh->material;
     return m < s->count ? m : s->count;
 }
-static const pbs_material *get(const pbs_shader *s, uint32_t m) {
+static const pbs_material *get(const pbs_surfaces *s, uint32_t m) {
     return m < s->count ? &s->materials[m] : &white;
 }
 
 /* ---- which textures are needed ---- */
+
+static bool any_masked(const pbs_material *m, size_t count) {
+    for (size_t i = 0; i < count; i++)
+        if (m[i].alpha == PBS_ALPHA_MASK) return true;
+    return false;
+}
 
 /* Bit 0 of use[]: as sRGB, bit 1: as plain numbers. */
 static void mark(uint8_t *use, size_t count, const pbs_texture_use *t, int bit) {
@@ -28,53 +34,32 @@ static void mark_material(uint8_t *use, size_t count, const pbs_material *m, uin
     if (channels & PBS_EMISSIVE) mark(use, count, &m->emissive_texture, 1);
 }
 
-static void mark_mesh(uint8_t *use, const pbs_gbuffer_scene *scene, const pbs_mesh *mesh,
-                      uint32_t channels) {
-    uint32_t last = PBS_NONE, n = mesh->triangle_material ? mesh->triangles : mesh->triangles > 0;
-    for (uint32_t i = 0; i < n; i++) {
-        uint32_t m = mesh->triangle_material ? mesh->triangle_material[i] : mesh->material;
-        if (m == last || m >= scene->material_count) continue;
-        mark_material(use, scene->texture_count, &scene->materials[m], channels);
-        last = m;
-    }
-}
-
-/* Only meshes with texture coordinates can show a texture. */
-static void mark_all(uint8_t *use, const pbs_gbuffer_scene *scene, uint32_t channels) {
-    const pbs_mesh *last = NULL;
-    for (size_t i = 0; i < scene->draw_count; i++) {
-        const pbs_mesh *mesh = scene->draws[i].mesh;
-        if (mesh != last && mesh->uv) mark_mesh(use, scene, mesh, channels);
-        last = mesh;
-    }
-}
-
-size_t pbs_shader_need(const pbs_gbuffer_scene *scene, uint32_t channels) {
-    (void)channels;
-    size_t n = (scene->material_count + 1) * sizeof(pbs_plain) +
-               scene->texture_count * (2 * sizeof(pbs_texture) + 1) + 3 * 128;
-    /* Which of them are shown is not asked here: that would be a pass over all triangles. */
-    for (size_t i = 0; i < scene->texture_count; i++)
-        n += 2 * pbs_texture_need(&scene->textures[i]);
+size_t pbs_surfaces_need(const pbs_material *materials, size_t material_count,
+                         const pbs_image *textures, size_t texture_count, uint32_t channels) {
+    bool masked = any_masked(materials, material_count);
+    size_t kinds = (masked || channels & (PBS_COLOUR | PBS_EMISSIVE)) + !!(channels & PBS_MATERIAL);
+    size_t n = sizeof(pbs_surfaces) + (material_count + 1) * sizeof(pbs_plain) +
+               texture_count * (2 * sizeof(pbs_texture) + 1) + 4 * 128;
+    for (size_t i = 0; i < texture_count && kinds; i++) n += kinds * pbs_texture_need(&textures[i]);
     return n;
 }
 
 /* ---- flat values ---- */
 
-static inline void encode(const pbs_shader *s, const pbs_material *m, const float c[4],
+static inline void encode(const pbs_surfaces *s, const pbs_material *m, const float c[4],
                           uint8_t out[4]) {
 #pragma GCC unroll 3
     for (int k = 0; k < 3; k++) out[k] = pbs_srgb_encode(s->srgb, c[k]);
     out[3] = m->alpha == PBS_ALPHA_BLEND ? pbs_unorm8(c[3]) : 255;
 }
 
-static const pbs_texture *texture_of(const pbs_shader *s, const pbs_texture_use *t, int plain) {
+static const pbs_texture *texture_of(const pbs_surfaces *s, const pbs_texture_use *t, int plain) {
     if (t->texture >= s->textures) return NULL;
     const pbs_texture *p = &s->texture[2 * (size_t)t->texture + plain];
     return p->levels ? p : NULL;
 }
 
-static void flatten(const pbs_shader *s, const pbs_material *m, pbs_plain *f) {
+static void flatten(const pbs_surfaces *s, const pbs_material *m, pbs_plain *f) {
     f->base = texture_of(s, &m->base_texture, 0);
     f->material = texture_of(s, &m->material_texture, 1);
     f->emissive = texture_of(s, &m->emissive_texture, 0);
@@ -85,49 +70,64 @@ static void flatten(const pbs_shader *s, const pbs_material *m, pbs_plain *f) {
     f->glow[3] = 0;
 }
 
-static pbs_code build_textures(pbs_run *run, pbs_shader *s, const pbs_gbuffer_scene *scene,
+static pbs_code build_textures(pbs_run *run, pbs_surfaces *s, const pbs_image *textures,
                                pbs_err *err) {
     uint8_t *use;
-    pbs_code rc = pbs_alloc(run, &use, scene->texture_count, 1, "the list of textures", err);
+    pbs_code rc = pbs_alloc(run, &use, s->textures, 1, "the list of textures", err);
     if (rc) return rc;
-    memset(use, 0, scene->texture_count);
-    mark_all(use, scene, s->channels);
-    for (size_t i = 0; !rc && i < scene->texture_count; i++)
+    memset(use, 0, s->textures);
+    for (uint32_t i = 0; i < s->count; i++)
+        mark_material(use, s->textures, &s->materials[i], s->channels);
+    for (size_t i = 0; !rc && i < s->textures; i++)
         for (int plain = 0; !rc && plain < 2; plain++)
             if (use[i] >> plain & 1)
-                rc = pbs_texture_build(run, &scene->textures[i], !plain, &s->texture[2 * i + plain],
-                                       err);
+                rc = pbs_texture_build(run, &textures[i], !plain,
+                                       &s->texture[2 * i + (size_t)plain], err);
     pbs_free(run, use);
     return rc;
 }
 
-pbs_code pbs_shader_init(pbs_run *run, pbs_shader *s, const pbs_gbuffer_scene *scene,
-                         uint32_t channels, pbs_err *err) {
-    *s = (pbs_shader){.materials = scene->materials,
-                      .count = (uint32_t)scene->material_count,
-                      .channels = channels,
-                      .srgb = pbs_srgb()};
-    for (size_t i = 0; i < scene->material_count; i++)
-        s->masked |= scene->materials[i].alpha == PBS_ALPHA_MASK;
-    if (!s->masked && !(channels & (PBS_COLOUR | PBS_MATERIAL | PBS_EMISSIVE))) return PBS_OK;
+static pbs_code build(pbs_run *run, pbs_surfaces *s, const pbs_image *textures,
+                      size_t texture_count, pbs_err *err) {
     pbs_code rc =
         pbs_alloc(run, &s->flat, (size_t)s->count + 1, sizeof *s->flat, "the materials", err);
     if (!rc)
-        rc = pbs_alloc(run, &s->texture, scene->texture_count, 2 * sizeof *s->texture,
-                       "the textures", err);
+        rc =
+            pbs_alloc(run, &s->texture, texture_count, 2 * sizeof *s->texture, "the textures", err);
     if (rc) return rc;
-    memset(s->texture, 0, scene->texture_count * 2 * sizeof *s->texture);
-    s->textures = scene->texture_count;
-    if (s->textures) rc = build_textures(run, s, scene, err);
+    memset(s->texture, 0, texture_count * 2 * sizeof *s->texture);
+    s->textures = texture_count;
+    if (s->textures) rc = build_textures(run, s, textures, err);
     for (uint32_t i = 0; !rc && i <= s->count; i++) flatten(s, get(s, i), &s->flat[i]);
     return rc;
 }
 
-void pbs_shader_free(pbs_run *run, pbs_shader *s) {
+pbs_code pbs_surfaces_new(pbs_run *run, const pbs_material *materials, size_t material_count,
+                          const pbs_image *textures, size_t texture_count, uint32_t channels,
+                          pbs_surfaces **out, pbs_err *err) {
+    pbs_surfaces *s;
+    pbs_code rc = pbs_alloc(run, &s, 1, sizeof *s, "the materials", err);
+    *out = NULL;
+    if (rc) return rc;
+    *s = (pbs_surfaces){.materials = materials,
+                        .count = (uint32_t)material_count,
+                        .channels = channels & (PBS_COLOUR | PBS_MATERIAL | PBS_EMISSIVE),
+                        .masked = any_masked(materials, material_count),
+                        .srgb = pbs_srgb()};
+    if (s->masked || s->channels) rc = build(run, s, textures, texture_count, err);
+    if (rc)
+        pbs_surfaces_free(run, s);
+    else
+        *out = s;
+    return rc;
+}
+
+void pbs_surfaces_free(pbs_run *run, pbs_surfaces *s) {
+    if (!s) return;
     for (size_t i = 0; i < 2 * s->textures; i++) pbs_texture_free(run, &s->texture[i]);
     pbs_free(run, s->texture);
     pbs_free(run, s->flat);
-    memset(s, 0, sizeof *s);
+    pbs_free(run, s);
 }
 
 /* ---- one point ---- */
@@ -152,7 +152,7 @@ static void sample(const pbs_texture *t, const pbs_texture_use *use, const pbs_l
     pbs_texture_sample(t, use, at, dx, dy, out);
 }
 
-static inline void vertex_colour(const pbs_shader *s, const pbs_lanes *b, int lane, float c[4]) {
+static inline void vertex_colour(const pbs_surfaces *s, const pbs_lanes *b, int lane, float c[4]) {
     const uint8_t *colour = mesh_of(b, lane)->colour;
     const float *linear = s->srgb->linear;
     float sum[4] = {0, 0, 0, 0};
@@ -166,7 +166,7 @@ static inline void vertex_colour(const pbs_shader *s, const pbs_lanes *b, int la
     c[0] *= sum[0], c[1] *= sum[1], c[2] *= sum[2], c[3] *= sum[3];
 }
 
-static inline void linear_colour(const pbs_shader *s, const pbs_material *m, const pbs_texture *t,
+static inline void linear_colour(const pbs_surfaces *s, const pbs_material *m, const pbs_texture *t,
                                  const pbs_lanes *b, int lane, float c[4]) {
     float texel[4];
     memcpy(c, m->base, 4 * sizeof *c);
@@ -176,14 +176,19 @@ static inline void linear_colour(const pbs_shader *s, const pbs_material *m, con
     for (int k = 0; k < 4; k++) c[k] *= texel[k];
 }
 
-bool pbs_shader_asks(const pbs_shader *s, const pbs_mesh *mesh, uint32_t triangle) {
+bool pbs_surfaces_may_ask(const pbs_surfaces *s, const pbs_mesh *mesh) {
+    if (!s->masked || mesh->triangle_material) return s->masked;
+    return get(s, mesh->material)->alpha == PBS_ALPHA_MASK;
+}
+
+bool pbs_surfaces_asks(const pbs_surfaces *s, const pbs_mesh *mesh, uint32_t triangle) {
     uint32_t i = material_of(s, mesh, triangle);
     const pbs_material *m = get(s, i);
     if (m->alpha != PBS_ALPHA_MASK) return false;
     return (s->flat[i].base && mesh->uv) || mesh->colour || m->base[3] < m->alpha_cutoff;
 }
 
-bool pbs_shader_keep(const pbs_shader *s, const pbs_lanes *b, int lane) {
+bool pbs_surfaces_keep(const pbs_surfaces *s, const pbs_lanes *b, int lane) {
     float c[4];
     const pbs_mesh *mesh = mesh_of(b, lane);
     uint32_t i = material_of(s, mesh, b->triangle[lane]);
@@ -191,7 +196,7 @@ bool pbs_shader_keep(const pbs_shader *s, const pbs_lanes *b, int lane) {
     return !(c[3] < get(s, i)->alpha_cutoff);
 }
 
-void pbs_shader_colour(const pbs_shader *s, const pbs_lanes *b, int lane, uint8_t out[4]) {
+void pbs_surfaces_colour(const pbs_surfaces *s, const pbs_lanes *b, int lane, uint8_t out[4]) {
     const pbs_mesh *mesh = mesh_of(b, lane);
     uint32_t i = material_of(s, mesh, b->triangle[lane]);
     const pbs_texture *t = mesh->uv ? s->flat[i].base : NULL;
@@ -204,7 +209,7 @@ void pbs_shader_colour(const pbs_shader *s, const pbs_lanes *b, int lane, uint8_
     encode(s, get(s, i), c, out);
 }
 
-void pbs_shader_material(const pbs_shader *s, const pbs_lanes *b, int lane, uint8_t out[4]) {
+void pbs_surfaces_material(const pbs_surfaces *s, const pbs_lanes *b, int lane, uint8_t out[4]) {
     const pbs_mesh *mesh = mesh_of(b, lane);
     uint32_t i = material_of(s, mesh, b->triangle[lane]);
     const pbs_material *m = get(s, i);
@@ -215,7 +220,7 @@ void pbs_shader_material(const pbs_shader *s, const pbs_lanes *b, int lane, uint
     out[0] = pbs_unorm8(m->metallic * c[2]), out[1] = pbs_unorm8(m->roughness * c[1]);
 }
 
-void pbs_shader_emissive(const pbs_shader *s, const pbs_lanes *b, int lane, uint8_t out[4]) {
+void pbs_surfaces_emissive(const pbs_surfaces *s, const pbs_lanes *b, int lane, uint8_t out[4]) {
     const pbs_mesh *mesh = mesh_of(b, lane);
     uint32_t i = material_of(s, mesh, b->triangle[lane]);
     const pbs_material *m = get(s, i);

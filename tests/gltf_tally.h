@@ -166,7 +166,8 @@ static inline void tally_begin(tally *t) {
                          tally_part_end,
                          tally_assembly,
                          tally_root,
-                         tally_skip};
+                         tally_skip,
+                         false};
 }
 static inline void tally_end(tally *t) {
     for (uint32_t i = 0; i < t->node_count; i++) {

@@ -153,7 +153,8 @@ static void rec_begin(rec *r) {
                          rec_part_end,
                          rec_assembly,
                          rec_root,
-                         rec_skip};
+                         rec_skip,
+                         false};
 }
 
 /* What must hold after any import: calls in order, all memory given back, a text with an error. */

@@ -10,6 +10,7 @@
  * longer there.
  */
 #include "cmd/pbs-view/cut.h"
+#include "libcore/lod.h"
 #include "libcore/quant.h"
 
 static double spacing(const pbs_spacings *s, uint32_t i) {
@@ -54,32 +55,9 @@ double pbs_cut_depth(const pbs_camera *camera, double aspect, const pbs_box *box
     return fmax(depth, PBS_CAMERA_NEAR);
 }
 
-double pbs_cut_stretch(const double m[12]) {
-    /* Largest eigenvalue of A = M^T M, by the cosine formula for symmetric 3x3 matrices, scaled
-     * so that squares neither vanish nor overflow. */
-    double a[6], scale = 0;
-    for (int i = 0; i < 12; i++)
-        if (i % 4 < 3) scale = fmax(scale, fabs(m[i]));
-    if (!(scale > 0) || !isfinite(scale)) return scale;
-    for (int i = 0; i < 6; i++) {
-        static const int row[6] = {0, 1, 2, 0, 0, 1}, column[6] = {0, 1, 2, 1, 2, 2};
-        a[i] = 0;
-        for (int k = 0; k < 3; k++)
-            a[i] += m[4 * k + row[i]] / scale * (m[4 * k + column[i]] / scale);
-    }
-    double mean = (a[0] + a[1] + a[2]) / 3, x = a[0] - mean, y = a[1] - mean, z = a[2] - mean;
-    double off = a[3] * a[3] + a[4] * a[4] + a[5] * a[5];
-    double spread = sqrt((x * x + y * y + z * z + 2 * off) / 6);
-    if (!(spread > 0)) return sqrt(mean) * scale;
-    double det = x * (y * z - a[5] * a[5]) - a[3] * (a[3] * z - a[5] * a[4]) +
-                 a[4] * (a[3] * a[5] - y * a[4]);
-    double c = fmin(1, fmax(-1, det / (2 * spread * spread * spread)));
-    return sqrt(mean + 2 * spread * cos(acos(c) / 3)) * scale;
-}
-
 double pbs_cut_wanted(const pbs_camera *camera, unsigned height, double depth, double pixels,
                       const double m[12]) {
-    double stretch = pbs_cut_stretch(m);
+    double stretch = pbs_lod_stretch(m);
     double radius = pixels / 2 * pbs_camera_pixel(camera, height) * depth * camera->unit;
     return stretch > 0 ? radius / stretch : INFINITY;
 }

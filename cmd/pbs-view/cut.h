@@ -43,7 +43,4 @@ double pbs_cut_wanted(const pbs_camera *camera, unsigned height, double depth, d
 /* False only if nothing within `padding` (node's unit) of the box can be in the picture. */
 bool pbs_cut_visible(const pbs_camera *camera, double aspect, const pbs_box *box, double padding,
                      const double m[12]);
-
-/* How much longer m makes a vector at most: its largest singular value. */
-double pbs_cut_stretch(const double m[12]);
 #endif

@@ -5,7 +5,13 @@
 layout(std430, binding = 0) readonly buffer Records { uint word[]; };
 
 uniform uint first, stride;    // in words
-uniform ivec4 field;           // word of normal, colour, material, emissive in a record, or -1
+// Looks of the surfels: normal, colour, material, emissive. Those of the octave that is too fine
+// (first word, stride) and, of the first of them, those of the one that is too coarse (count), of
+// which `blend` is taken.
+uniform uvec2 fine;
+uniform uvec3 coarse;
+uniform float blend;
+uniform ivec4 fine_field, coarse_field; // word of each, or -1
 uniform mat4x3 to_view;        // lattice to view
 uniform mat3 disc_to_view;     // disc's radius in the node to view
 uniform mat3 to_view_normal;   // its cofactors
@@ -23,24 +29,41 @@ float reach(vec3 d, vec3 n) {
     return sqrt(max(dot(g, g) - along * along, 0.0));
 }
 
-vec3 light_record(uint w, vec3 p, vec3 n) {
-    vec3 albedo = vec3(1), emissive = vec3(0);
-    vec2 material = vec2(0, 1);
-    if (field.y >= 0) albedo = linear_from_srgb(unpackUnorm4x8(word[w + uint(field.y)]).rgb);
-    if (field.z >= 0) material = unpackUnorm4x8(word[w + uint(field.z)]).xy;
-    if (field.w >= 0) emissive = linear_from_srgb(unpackUnorm4x8(word[w + uint(field.w)]).rgb);
-    return shade(p, n, albedo, material.x, material.y, emissive);
+struct Look {
+    vec3 normal, albedo, emissive;
+    vec2 material;
+};
+
+Look look_at(uint w, ivec4 field) {
+    Look l = Look(vec3(0), vec3(1), vec3(0), vec2(0, 1));
+    if (field.x >= 0)
+        l.normal = normalize(octahedral_normal(unpackSnorm2x16(word[w + uint(field.x)])));
+    if (field.y >= 0) l.albedo = linear_from_srgb(unpackUnorm4x8(word[w + uint(field.y)]).rgb);
+    if (field.z >= 0) l.material = unpackUnorm4x8(word[w + uint(field.z)]).xy;
+    if (field.w >= 0) l.emissive = linear_from_srgb(unpackUnorm4x8(word[w + uint(field.w)]).rgb);
+    return l;
+}
+
+Look look_of(uint i) {
+    Look a = look_at(fine.x + i * fine.y, fine_field);
+    if (i >= coarse.z) return a;
+    Look b = look_at(coarse.x + i * coarse.y, coarse_field);
+    // Opposite normals have no mean.
+    if (dot(a.normal, b.normal) < -0.99) b.normal = a.normal;
+    return Look(mix(a.normal, b.normal, blend), mix(a.albedo, b.albedo, blend),
+                mix(a.emissive, b.emissive, blend), mix(a.material, b.material, blend));
 }
 
 void main() {
     // Corners of a triangle around the unit circle.
     const vec2 corner[3] = vec2[3](vec2(-1.7320508, -1.0), vec2(1.7320508, -1.0), vec2(0.0, 2.0));
     uint w = first + uint(gl_VertexID / 3) * stride;
+    Look look = look_of(uint(gl_VertexID / 3));
     at = corner[gl_VertexID % 3];
     vec3 c = to_view * vec4(word[w] & 0xffffu, word[w] >> 16, word[w + 1u] & 0xffffu, 1.0);
     vec3 v = -normalize(c), n = v, local = v * disc_to_view;
-    if (field.x >= 0) {
-        local = octahedral_normal(unpackSnorm2x16(word[w + uint(field.x)]));
+    if (fine_field.x >= 0) {
+        local = look.normal;
         n = to_view_normal * local;
     }
     local = normalize(local);
@@ -60,6 +83,6 @@ void main() {
     vec3 p = c + at.x * a * t + at.y * (s * b + wider * across);
 
     sag = 0.25 * a;
-    lit = light_record(w, c, n);
+    lit = shade(c, n, look.albedo, look.material.x, look.material.y, look.emissive);
     gl_Position = vec4(p.xy * project.xy, project.z, -p.z);
 }

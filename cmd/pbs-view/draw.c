@@ -1,5 +1,6 @@
 /* draw.c: the canvas, its target, and discs. Triangles are in draw_mesh.c. */
 #include "cmd/pbs-view/draw_internal.h"
+#include "libcore/average.h"
 #include "shaders.h"
 
 enum { STREAM = 8 << 20 }; /* bytes of the buffer that records go through */
@@ -200,39 +201,87 @@ static void place_node(const pbs_canvas *c, const pbs_surfels *node) {
     pbs_canvas_matrix(gl, gl->GetUniformLocation(c->disc, "to_view"), 4, view, 1);
 }
 
-/* Returns the byte of the stream buffer where the bytes lie now. What was drawn from it before
- * keeps its own memory: the driver gives out a new one when the buffer starts again. (llvmpipe does
- * not, but it has run the vertex shaders by then. Fragment shaders must not read this buffer.) */
-static size_t upload(pbs_canvas *c, const void *bytes, size_t size) {
-    if (size > STREAM - c->stream_at) {
-        c->gl->NamedBufferData(c->stream, STREAM, NULL, GL_STREAM_DRAW);
-        c->stream_at = 0;
-    }
+/* Makes room for so many bytes in the stream buffer, without a restart between them. What was
+ * drawn from it before keeps its own memory: the driver gives out a new one when the buffer starts
+ * again. (llvmpipe does not, but it has run the vertex shaders by then. Fragment shaders must not
+ * read this buffer.) */
+static void make_room(pbs_canvas *c, size_t size) {
+    if (size <= STREAM - c->stream_at) return;
+    c->gl->NamedBufferData(c->stream, STREAM, NULL, GL_STREAM_DRAW);
+    c->stream_at = 0;
+}
+
+/* Returns the word of the stream buffer where the bytes lie now. */
+static GLuint upload(pbs_canvas *c, const void *bytes, size_t size) {
     size_t at = c->stream_at;
-    c->gl->NamedBufferSubData(c->stream, (GLintptr)at, (GLsizeiptr)size, bytes);
+    if (size) c->gl->NamedBufferSubData(c->stream, (GLintptr)at, (GLsizeiptr)size, bytes);
     c->stream_at += size;
-    return at;
+    return (GLuint)(at / 4);
+}
+
+/* Where the looks of surfels come from: normal, colour, material, emission. */
+typedef struct looks {
+    const uint8_t *first; /* NULL: none */
+    uint32_t stride, count;
+} looks;
+
+static looks octave_of(const pbs_surfels *node, int octave) {
+    uint32_t size = pbs_surfel_size(node->channels) - 8;
+    if (!node->octaves || !octave || octave > pbs_octaves(node->whole)) return (looks){NULL, 0, 0};
+    return (looks){(const uint8_t *)node->octaves + pbs_octave_begin(node->whole, octave) * size,
+                   size, (uint32_t)pbs_octave_length(node->whole, octave)};
+}
+
+static void set_fields(const pbs_gl *gl, GLint place, uint32_t channels, bool entries) {
+    GLint field[4];
+    for (int k = 0; k < 4; k++) {
+        field[k] = field_word(channels, (uint32_t)PBS_NORMAL << k);
+        if (field[k] >= 0 && entries) field[k] -= 2; /* no position, no spacing */
+    }
+    gl->Uniform4i(place, field[0], field[1], field[2], field[3]);
+}
+
+/* Surfels done .. done + n - 1. */
+static void draw_some(pbs_canvas *c, const pbs_surfels *node, uint32_t stride, const looks *fine,
+                      const looks *coarse, uint32_t done, uint32_t n) {
+    const pbs_gl *gl = c->gl;
+    uint32_t blended = coarse->count > done ? coarse->count - done : 0;
+    blended = blended < n ? blended : n;
+    make_room(c, (size_t)n * (stride + fine->stride) + (size_t)blended * coarse->stride);
+    GLuint first =
+        upload(c, (const uint8_t *)node->records + (size_t)done * stride, (size_t)n * stride);
+    GLuint look = first;
+    if (fine->first)
+        look = upload(c, fine->first + (size_t)done * fine->stride, (size_t)n * fine->stride);
+    gl->Uniform1ui(gl->GetUniformLocation(c->disc, "first"), first);
+    gl->Uniform2ui(gl->GetUniformLocation(c->disc, "fine"), look,
+                   (fine->first ? fine->stride : stride) / 4);
+    look = blended ? upload(c, coarse->first + (size_t)done * coarse->stride,
+                            (size_t)blended * coarse->stride)
+                   : 0;
+    gl->Uniform3ui(gl->GetUniformLocation(c->disc, "coarse"), look, coarse->stride / 4, blended);
+    gl->DrawArrays(GL_TRIANGLES, 0, (GLsizei)(3 * n));
 }
 
 static pbs_code draw_node(pbs_canvas *c, const pbs_surfels *node, pbs_err *err) {
     const pbs_gl *gl = c->gl;
     uint32_t size = pbs_surfel_size(node->channels), stride = node->stride ? node->stride : size;
-    if (stride < size || stride % 4 || stride > STREAM)
+    if (stride < size || stride % 4 || stride > STREAM / 4)
         return pbs_fail(err, PBS_INTERNAL, "surfel records of %u bytes, stride %u", size, stride);
+    int k = node->octaves ? pbs_octave_of(node->whole, node->prefix) : 0;
+    looks fine = octave_of(node, k), coarse = octave_of(node, k + 1);
+    double between = coarse.first ? log2((double)node->whole / node->prefix) / 2 - k : 0;
     place_node(c, node);
     gl->Uniform1ui(gl->GetUniformLocation(c->disc, "stride"), stride / 4);
-    GLint field[4];
-    for (int k = 0; k < 4; k++) field[k] = field_word(node->channels, (uint32_t)PBS_NORMAL << k);
-    gl->Uniform4i(gl->GetUniformLocation(c->disc, "field"), field[0], field[1], field[2], field[3]);
-    uint32_t most = STREAM / stride;
+    gl->Uniform1f(gl->GetUniformLocation(c->disc, "blend"), (float)fmin(1, fmax(0, between)));
+    set_fields(gl, gl->GetUniformLocation(c->disc, "fine_field"), node->channels, fine.first);
+    set_fields(gl, gl->GetUniformLocation(c->disc, "coarse_field"), node->channels, true);
+    uint32_t most = STREAM / (stride + fine.stride + coarse.stride);
     for (uint32_t done = 0, n; done < node->prefix; done += n) {
         n = node->prefix - done < most ? node->prefix - done : most;
         pbs_code code = pbs_run_check(c->run, err);
         if (code) return code;
-        const uint8_t *from = (const uint8_t *)node->records + (size_t)done * stride;
-        size_t at = upload(c, from, (size_t)n * stride);
-        gl->Uniform1ui(gl->GetUniformLocation(c->disc, "first"), (GLuint)(at / 4));
-        gl->DrawArrays(GL_TRIANGLES, 0, (GLsizei)(3 * n));
+        draw_some(c, node, stride, &fine, &coarse, done, n);
     }
     return PBS_OK;
 }

@@ -53,6 +53,11 @@ typedef struct pbs_surfels {
     uint32_t stride;     /* bytes, a multiple of 4; 0: what the channels need */
     uint32_t channels;   /* PBS_NORMAL, ... (record.h); without normals discs face the eye */
     uint32_t prefix;     /* surfels drawn */
+    uint32_t whole;      /* surfels of the node, where it has octaves */
+    const void *octaves; /* of colours and so on (libcore/average.h, formats/octaves.h): entries
+                            without position and spacing, coarse first; NULL: every surfel is
+                            shown as itself. A prefix is shown between the two octaves that it is
+                            between */
     double radius;       /* of a disc, node's unit: pbs_cut_radius(.., prefix) closes the surface */
     double corner[3];    /* of the quantisation lattice, node's unit; origin included */
     double step;         /* node's unit: position = corner + step * stored */

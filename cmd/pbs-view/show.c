@@ -4,7 +4,8 @@
 #include <string.h>
 
 static pbs_code open_scene(pbs_show *s, const char *path, pbs_err *err) {
-    pbs_scene_options so = {s->options->ignore_missing};
+    pbs_scene_options so = PBS_SCENE_DEFAULTS;
+    so.ignore_missing = s->options->ignore_missing;
     pbs_code rc = pbs_scene_open(s->run, path, &so, &s->scene, err);
     if (rc) return rc;
     rc = pbs_scene_flatten(&s->scene, &s->flat, err);
@@ -35,12 +36,31 @@ pbs_code pbs_show_open(pbs_run *run, const pbs_show_options *o, const char *path
 
 /* ---- which surfels ---- */
 
+/* A placed node whose subtree is still to be looked at. */
+typedef struct task {
+    uint32_t node;
+    bool drawn; /* its surfels are: only what moves below it is left */
+    double m[12];
+} task;
+
 typedef struct cut {
     pbs_show *show;
     const pbs_show_view *view;
     double aspect;
     size_t count;
+    task *tasks, now;
+    size_t task_count, task_cap;
 } cut;
+
+static pbs_code add_task(cut *c, uint32_t node, bool drawn, const double m[12], pbs_err *err) {
+    pbs_code rc = pbs_grow(c->show->run, &c->tasks, &c->task_cap, c->task_count + 1,
+                           sizeof *c->tasks, "the list of what is drawn", err);
+    if (rc) return rc;
+    task *t = &c->tasks[c->task_count++];
+    *t = (task){.node = node, .drawn = drawn};
+    memcpy(t->m, m, sizeof t->m);
+    return PBS_OK;
+}
 
 static pbs_spacings spacings_of(const pbs_archive *a, const pbs_node *n) {
     return (pbs_spacings){a->records[n->id] + pbs_record_at(&a->record, PBS_SPACING),
@@ -67,14 +87,10 @@ static void choose(const cut *c, const pbs_node *n, const double m[12], pbs_surf
     out->radius = pbs_cut_radius(&s, out->prefix);
 }
 
-/* A node with surfels stands for everything below it. */
-static pbs_code visit(void *ctx, uint32_t id, const double m[12], bool *descend, pbs_err *err) {
-    cut *c = ctx;
+static pbs_code add_surfels(cut *c, uint32_t id, const double m[12], pbs_err *err) {
     pbs_show *s = c->show;
     const pbs_archive *a = &s->archive;
     const pbs_node *n = &a->nodes[id];
-    *descend = !a->records[id] && a->placings[id];
-    if (!a->records[id]) return PBS_OK;
     if (!pbs_cut_visible(&c->view->camera, c->aspect, &n->box, n->covering, m)) return PBS_OK;
     pbs_code rc = pbs_grow(s->run, &s->list, &s->list_cap, c->count + 1, sizeof *s->list,
                            "the list of what is drawn", err);
@@ -83,6 +99,8 @@ static pbs_code visit(void *ctx, uint32_t id, const double m[12], bool *descend,
     *d = (pbs_surfels){.records = a->records[id],
                        .stride = a->record.stride,
                        .channels = a->record.channels,
+                       .whole = (uint32_t)n->records,
+                       .octaves = a->octaves[id],
                        .step = n->lattice};
     for (int k = 0; k < 3; k++) d->corner[k] = n->origin[k] + n->lattice_min[k];
     memcpy(d->m, m, sizeof d->m);
@@ -92,10 +110,39 @@ static pbs_code visit(void *ctx, uint32_t id, const double m[12], bool *descend,
     return PBS_OK;
 }
 
+/* A node with surfels stands for everything below it but what moves. */
+static pbs_code visit(void *ctx, uint32_t id, const double m[12], uint32_t flags, bool *descend,
+                      pbs_err *err) {
+    cut *c = ctx;
+    const pbs_archive *a = &c->show->archive;
+    double placed[12];
+    pbs_xform_mul(placed, c->now.m, m);
+    if (c->now.drawn) {
+        bool moves = flags & PBS_CHILD_MOVES;
+        *descend = !moves && a->moving[id];
+        return moves ? add_task(c, id, false, placed, err) : PBS_OK;
+    }
+    *descend = !a->records[id] && a->placings[id];
+    if (!a->records[id]) return PBS_OK;
+    pbs_code rc = add_surfels(c, id, placed, err);
+    return rc || !a->moving[id] ? rc : add_task(c, id, true, placed, err);
+}
+
+static pbs_code list_surfels(cut *c, pbs_err *err) {
+    const pbs_archive *a = &c->show->archive;
+    pbs_code rc = add_task(c, (uint32_t)a->node_count - 1, false, PBS_IDENTITY, err);
+    while (!rc && c->task_count) {
+        c->now = c->tasks[--c->task_count];
+        rc = pbs_dag_walk(c->show->run, a->nodes, c->now.node + 1, visit, c, err);
+    }
+    pbs_free(c->show->run, c->tasks);
+    return rc;
+}
+
 static pbs_code draw_archive(pbs_show *s, pbs_canvas *canvas, const pbs_show_view *view,
                              pbs_err *err) {
-    cut c = {s, view, (double)view->width / (double)view->height, 0};
-    pbs_code rc = pbs_dag_walk(s->run, s->archive.nodes, s->archive.node_count, visit, &c, err);
+    cut c = {.show = s, .view = view, .aspect = (double)view->width / (double)view->height};
+    pbs_code rc = list_surfels(&c, err);
     return rc ? rc : pbs_canvas_surfels(canvas, s->list, c.count, err);
 }
 

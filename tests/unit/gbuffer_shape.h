@@ -145,15 +145,45 @@ static inline void drop(result *r) {
     }
 }
 
-static inline result draw_scene(const pbs_gbuffer_scene *scene, const pbs_gbuffer_params *params,
+/* What is drawn, and with what. */
+typedef struct picture {
+    const pbs_draw *draws;
+    size_t draw_count;
+    const pbs_material *materials;
+    size_t material_count;
+    const pbs_image *textures;
+    size_t texture_count;
+} picture;
+
+static inline size_t picture_need(const picture *s, const pbs_gbuffer_params *params, int threads) {
+    return pbs_surfaces_need(s->materials, s->material_count, s->textures, s->texture_count,
+                             params->channels) +
+           pbs_gbuffer_need(NULL, s->draws, s->draw_count, params, threads);
+}
+
+/* A call with everything that belongs to it. */
+static inline pbs_code draw_once(pbs_run *run, const picture *s, const pbs_gbuffer_params *params,
+                                 result *r, pbs_err *err) {
+    pbs_surfaces *surfaces = NULL;
+    pbs_gbuffers *g = NULL;
+    pbs_code rc = pbs_surfaces_new(run, s->materials, s->material_count, s->textures,
+                                   s->texture_count, params->channels, &surfaces, err);
+    if (!rc) rc = pbs_gbuffers_new(run, surfaces, run->threads, &g, err);
+    if (!rc) rc = pbs_gbuffer(g, s->draws, s->draw_count, params, keep_view, r, &r->stats, err);
+    pbs_gbuffers_free(g);
+    pbs_surfaces_free(run, surfaces);
+    return rc;
+}
+
+static inline result draw_scene(const picture *scene, const pbs_gbuffer_params *params,
                                 int threads) {
     result r = {0};
     pbs_run run = {.threads = threads};
     pbs_err err = {0};
-    r.rc = pbs_gbuffer(&run, scene, params, keep_view, &r, &r.stats, &err);
+    r.rc = draw_once(&run, scene, params, &r, &err);
     r.peak = pbs_mem_peak(&run), r.left = pbs_mem_used(&run);
     CHECK(r.left == 0);
-    CHECK_NUM(r.rc || r.peak <= pbs_gbuffer_need(scene, params, threads), r.peak);
+    CHECK_NUM(r.rc || r.peak <= picture_need(scene, params, threads), r.peak);
     return r;
 }
 
@@ -178,7 +208,7 @@ static inline pbs_draw placed(const shape *s) {
 static inline result draw_shape(const shape *s, uint32_t resolution, uint32_t channels,
                                 int threads) {
     pbs_draw d = placed(s);
-    pbs_gbuffer_scene scene = {.draws = &d, .draw_count = 1};
+    picture scene = {.draws = &d, .draw_count = 1};
     pbs_gbuffer_params params = {
         .resolution = resolution, .channels = channels, .box = box_of(&d, 1)};
     return draw_scene(&scene, &params, threads);

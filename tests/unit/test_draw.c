@@ -1,6 +1,7 @@
 /* The canvas: what it draws against what should be seen. Needs a GL (Mesa's software will do). */
 #include "cmd/pbs-view/cut.h"
 #include "cmd/pbs-view/draw.h"
+#include "libcore/average.h"
 #include "libcore/metrics.h"
 #include "tests/check.h"
 
@@ -383,6 +384,57 @@ TEST(faces_keep_their_normals) {
     CHECK(same(&a, &b));
     pbs_free(&run, a.rgba);
     pbs_free(&run, b.rgba);
+    pbs_canvas_free(c);
+}
+
+/* ---- octaves ---- */
+
+static uint8_t entries[SURFELS][8];
+
+/* Of the sphere, in one colour. */
+static void fill_octaves(const uint8_t colour_of[4]) {
+    size_t at = 0;
+    for (int k = pbs_octaves(SURFELS); k > 0; k--)
+        for (size_t i = 0; i < pbs_octave_length(SURFELS, k); i++, at++) {
+            memcpy(entries[at], records[i] + 8, 4);
+            memcpy(entries[at] + 4, colour_of, 4);
+        }
+}
+
+static int largest_difference(const pbs_image *a, const pbs_image *b) {
+    int most = 0;
+    for (size_t i = 0; i < (size_t)4 * SIDE * SIDE; i++) {
+        int d = abs(a->rgba[i] - b->rgba[i]);
+        most = d > most ? d : most;
+    }
+    return most;
+}
+
+TEST(octaves_say_what_a_prefix_looks_like) {
+    if (no_gl()) SKIP("no OpenGL here");
+    pbs_canvas *c = new_canvas(4);
+    static const uint8_t brown[4] = {180, 120, 60, 255}, green[4] = {20, 200, 30, 255};
+    pbs_frame f = frame_of(PBS_IDENTITY);
+    for (uint32_t prefix = SURFELS; prefix > 40; prefix = prefix * 2 / 3) {
+        pbs_surfels own = sphere_surfels(), octaves = own;
+        own.prefix = octaves.prefix = prefix;
+        octaves.whole = SURFELS, octaves.octaves = entries;
+        fill_octaves(brown);
+        pbs_image a = shot(c, &f, &own, NULL), b = shot(c, &f, &octaves, NULL);
+        CHECK_NUM(largest_difference(&a, &b) <= 1, prefix);
+        pbs_free(&run, b.rgba);
+        fill_octaves(green);
+        b = shot(c, &f, &octaves, NULL);
+        CHECK_NUM(prefix == SURFELS || largest_difference(&a, &b) > 10, prefix);
+        pbs_free(&run, a.rgba);
+        /* From the first octave on nothing is left of the surfels' own colours. */
+        for (int i = 0; i < SURFELS; i++) memcpy(records[i] + 12, green, 4);
+        a = shot(c, &f, &own, NULL);
+        int d = largest_difference(&a, &b);
+        CHECK_NUM(prefix <= SURFELS / 4 ? d <= 1 : d > 10, prefix);
+        pbs_free(&run, a.rgba);
+        pbs_free(&run, b.rgba);
+    }
     pbs_canvas_free(c);
 }
 

@@ -170,7 +170,7 @@ TEST(watertight) {
     half[1].index += 3 * half[0].triangles;
     pbs_draw d[2] = {placed(&s), placed(&s)};
     d[0].mesh = &half[0], d[1].mesh = &half[1];
-    pbs_gbuffer_scene scene = {.draws = d, .draw_count = 2};
+    picture scene = {.draws = d, .draw_count = 2};
     pbs_gbuffer_params params = {.resolution = 300, .box = box_of(d, 2)};
     for (int turn = 0; turn < 8; turn++) {
         result r = draw_scene(&scene, &params, 1);
@@ -212,7 +212,7 @@ TEST(net_of_shared_edges) {
             memcpy(s.index + t, q, sizeof q), t += 6;
         }
     pbs_draw d = placed(&s);
-    pbs_gbuffer_scene scene = {.draws = &d, .draw_count = 1};
+    picture scene = {.draws = &d, .draw_count = 1};
     for (uint32_t res = 61; res < 400; res += 60) {
         pbs_gbuffer_params params = {
             .pairs = 1, .direction = {{0, 0, 1}}, .resolution = res, .box = box_of(&d, 1)};
@@ -317,9 +317,8 @@ TEST(vector_and_plain_candidates) {
     pbs_raster_clear(&r);
     pbs_raster_snap(m, s.position, s.mesh.vertices, true, v, box);
     pbs_raster_draw(&r, v, s.index, s.mesh.triangles, 0, true);
-    pbs_gbuffer_scene scene = {.draws = &d, .draw_count = 1};
     const uint32_t first[2] = {0, s.mesh.triangles};
-    pbs_resolve set = {.scene = &scene, .first = first, .channels = PBS_NORMAL};
+    pbs_resolve set = {.draws = &d, .draw_count = 1, .first = first, .channels = PBS_NORMAL};
     pbs_resolve_out out[2][2];
     for (int simd = 0; simd < 2; simd++) {
         pbs_resolve_scratch *work = malloc(sizeof *work);
@@ -384,8 +383,7 @@ TEST(ties_go_to_the_lower) {
         s.mesh.material = (uint32_t)first, b.material = 1 - (uint32_t)first;
         pbs_draw d[2] = {placed(&s), placed(&s)};
         d[1].mesh = &b;
-        pbs_gbuffer_scene scene = {
-            .draws = d, .draw_count = 2, .materials = m, .material_count = 2};
+        picture scene = {.draws = d, .draw_count = 2, .materials = m, .material_count = 2};
         pbs_gbuffer_params params = {.resolution = 50, .channels = PBS_COLOUR, .box = box_of(d, 2)};
         result r = draw_scene(&scene, &params, 2);
         size_t wrong = 0;
@@ -405,7 +403,7 @@ TEST(place_and_scale) {
     for (uint32_t i = 0; i < 3 * s.mesh.vertices; i++) /* to the grid that the shift keeps */
         s.position[i] = roundf(s.position[i] * 65536) / 65536;
     pbs_draw d = placed(&s);
-    pbs_gbuffer_scene scene = {.draws = &d, .draw_count = 1};
+    picture scene = {.draws = &d, .draw_count = 1};
     pbs_gbuffer_params params = {.resolution = 100, .channels = PBS_NORMAL, .box = box_of(&d, 1)};
     result a = draw_scene(&scene, &params, 1);
     for (int e = -30; e <= 30; e += 20) {
@@ -454,7 +452,7 @@ TEST(many_draws) {
         all.index[i] = (uint16_t)(s.index[i % 48] + i / 48 * 10);
     s.mesh.normal = NULL;
     pbs_draw one = placed(&all);
-    pbs_gbuffer_scene scene[2] = {{.draws = d, .draw_count = N}, {.draws = &one, .draw_count = 1}};
+    picture scene[2] = {{.draws = d, .draw_count = N}, {.draws = &one, .draw_count = 1}};
     pbs_gbuffer_params params = {.resolution = 200, .channels = PBS_NORMAL, .box = box_of(d, N)};
     result a = draw_scene(&scene[0], &params, 2), b = draw_scene(&scene[1], &params, 1);
     size_t differ = 0;

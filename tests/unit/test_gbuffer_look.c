@@ -14,7 +14,7 @@ TEST(normals_under_a_matrix) {
         pbs_draw d = placed(&s);
         memcpy(d.m, m[i % 3], sizeof d.m);
         s.mesh.normal = i < 3 ? s.normal : NULL;
-        pbs_gbuffer_scene scene = {.draws = &d, .draw_count = 1};
+        picture scene = {.draws = &d, .draw_count = 1};
         pbs_gbuffer_params params = {
             .resolution = 200, .channels = PBS_NORMAL, .box = box_of(&d, 1)};
         result r = draw_scene(&scene, &params, 1);
@@ -56,7 +56,7 @@ TEST(normals_of_a_sheet) {
             pbs_oct_encode(s.normal + 2, o), pbs_oct_encode(s.normal + 4, o);
         }
         pbs_draw d = placed(&s);
-        pbs_gbuffer_scene scene = {.draws = &d, .draw_count = 1};
+        picture scene = {.draws = &d, .draw_count = 1};
         pbs_gbuffer_params params = {.pairs = 1,
                                      .direction = {{0, 0, 2}},
                                      .resolution = 40,
@@ -92,12 +92,12 @@ static shape square(void) {
 static result draw_square(const shape *s, const pbs_material *m, const pbs_image *image,
                           uint32_t res, uint32_t channels) {
     pbs_draw d = placed(s);
-    pbs_gbuffer_scene scene = {.draws = &d,
-                               .draw_count = 1,
-                               .materials = m,
-                               .material_count = 1,
-                               .textures = image,
-                               .texture_count = 1};
+    picture scene = {.draws = &d,
+                     .draw_count = 1,
+                     .materials = m,
+                     .material_count = 1,
+                     .textures = image,
+                     .texture_count = 1};
     pbs_gbuffer_params params = {.pairs = 1,
                                  .direction = {{0, 0, 1}},
                                  .resolution = res,
@@ -184,12 +184,12 @@ TEST(masked_material) {
         for (uint32_t i = 0; i < 4; i++) b.position[3 * i + 2] = -0.5f;
         b.mesh.material = 1;
         pbs_draw d[2] = {placed(&s), placed(&b)};
-        pbs_gbuffer_scene scene = {.draws = d,
-                                   .draw_count = 1 + (size_t)behind,
-                                   .materials = m,
-                                   .material_count = 2,
-                                   .textures = &image,
-                                   .texture_count = 1};
+        picture scene = {.draws = d,
+                         .draw_count = 1 + (size_t)behind,
+                         .materials = m,
+                         .material_count = 2,
+                         .textures = &image,
+                         .texture_count = 1};
         pbs_gbuffer_params params = {.pairs = 1,
                                      .direction = {{0, 0, 1}},
                                      .resolution = 101,
@@ -231,7 +231,7 @@ TEST(empty_and_flat) {
         for (int v = 0; v < r.count; v++) CHECK(r.view[v].v.width >= 1 && r.view[v].v.height >= 1);
         drop(&r);
     }
-    pbs_gbuffer_scene none = {0};
+    picture none = {0};
     pbs_gbuffer_params params = {.resolution = 16, .box = {{0, 0, 0}, {1, 1, 1}}};
     result r = draw_scene(&none, &params, 2);
     CHECK(r.rc == PBS_OK && r.count == 8 && r.stats.candidates == 0);
@@ -242,7 +242,7 @@ TEST(empty_and_flat) {
 TEST(box_too_small_and_hostile_matrices) {
     shape s = soup(200);
     pbs_draw d = placed(&s);
-    pbs_gbuffer_scene scene = {.draws = &d, .draw_count = 1};
+    picture scene = {.draws = &d, .draw_count = 1};
     double odd[] = {1, 0, -1, 1e-30, 1e9, 1e40, 1e200, 1e308, INFINITY, NAN};
     for (size_t i = 0; i < sizeof odd / sizeof *odd; i++)
         for (int where = 0; where < 12; where++) {
@@ -261,7 +261,7 @@ TEST(box_too_small_and_hostile_matrices) {
 TEST(all_resolutions) {
     shape s = ball(10, 12, 0.1);
     pbs_draw d = placed(&s);
-    pbs_gbuffer_scene scene = {.draws = &d, .draw_count = 1};
+    picture scene = {.draws = &d, .draw_count = 1};
     for (uint32_t res = 1; res < 70; res += res < 5 ? 1 : 13) {
         pbs_gbuffer_params params = {.pairs = 3,
                                      .direction = {{1, 0, 0}, {0, -2, 0}, {1, 2, 3}},
@@ -282,32 +282,32 @@ TEST(all_resolutions) {
 TEST(refusals) {
     shape s = soup(10);
     pbs_draw d = placed(&s);
-    pbs_gbuffer_scene scene = {.draws = &d, .draw_count = 1};
+    picture scene = {.draws = &d, .draw_count = 1};
     pbs_gbuffer_params good = {.resolution = 64, .box = box_of(&d, 1)}, p;
     result r = {0};
     volatile sig_atomic_t stop = 1;
     pbs_run run = {.threads = 2};
     pbs_err err;
     p = good, p.resolution = 0;
-    CHECK(pbs_gbuffer(&run, &scene, &p, keep_view, &r, NULL, &err) == PBS_USAGE);
+    CHECK(draw_once(&run, &scene, &p, &r, &err) == PBS_USAGE);
     p = good, p.resolution = PBS_GBUFFER_MAX_SIZE + 1;
-    CHECK(pbs_gbuffer(&run, &scene, &p, keep_view, &r, NULL, &err) == PBS_USAGE);
+    CHECK(draw_once(&run, &scene, &p, &r, &err) == PBS_USAGE);
     p = good, p.pairs = 17;
-    CHECK(pbs_gbuffer(&run, &scene, &p, keep_view, &r, NULL, &err) == PBS_USAGE);
+    CHECK(draw_once(&run, &scene, &p, &r, &err) == PBS_USAGE);
     p = good, p.pairs = 1;
-    CHECK(pbs_gbuffer(&run, &scene, &p, keep_view, &r, NULL, &err) == PBS_USAGE);
+    CHECK(draw_once(&run, &scene, &p, &r, &err) == PBS_USAGE);
     p = good, p.box = PBS_BOX_EMPTY;
-    CHECK(pbs_gbuffer(&run, &scene, &p, keep_view, &r, NULL, &err) == PBS_USAGE);
+    CHECK(draw_once(&run, &scene, &p, &r, &err) == PBS_USAGE);
     p = good, p.box.max[1] = NAN;
-    CHECK(pbs_gbuffer(&run, &scene, &p, keep_view, &r, NULL, &err) == PBS_USAGE);
+    CHECK(draw_once(&run, &scene, &p, &r, &err) == PBS_USAGE);
     CHECK(r.count == 0);
     run.mem_limit = 120000;
-    CHECK(pbs_gbuffer(&run, &scene, &good, keep_view, &r, NULL, &err) == PBS_LIMIT);
+    CHECK(draw_once(&run, &scene, &good, &r, &err) == PBS_LIMIT);
     run.mem_limit = 0, run.cancel = &stop;
-    CHECK(pbs_gbuffer(&run, &scene, &good, keep_view, &r, NULL, &err) == PBS_CANCEL);
+    CHECK(draw_once(&run, &scene, &good, &r, &err) == PBS_CANCEL);
     CHECK(r.count == 0);
     run.cancel = NULL, r.stop_at = 3;
-    CHECK(pbs_gbuffer(&run, &scene, &good, keep_view, &r, NULL, &err) == PBS_IO);
+    CHECK(draw_once(&run, &scene, &good, &r, &err) == PBS_IO);
     CHECK(r.count == 3 && pbs_mem_used(&run) == 0);
     drop(&r);
     free_shape(&s);

@@ -159,15 +159,23 @@ TEST(errors_say_the_line) {
 
 TEST(memory_limit_and_cancel) {
     rec r;
-    char *text = malloc(1 << 20);
+    char *text = malloc(2 << 20);
     if (!text) abort();
     size_t n = 0;
-    while (n < (1 << 20) - 64) n += (size_t)sprintf(text + n, "v 1 2 3\n");
-    n += (size_t)sprintf(text + n, "f 1 2 3\n");
+    while (n < (2 << 20) - 64) n += (size_t)sprintf(text + n, "v 1 2 3 0.5 0 1\n");
+    n += (size_t)sprintf(text + n, "v 7 8 9 255 0 0\nf -1 2 3\n");
     rec_begin(&r);
-    r.run.mem_limit = 1 << 20;
+    r.run.mem_limit = 1000;
     rec_import(&r, pbs_import_obj, "a.obj", text, n);
     CHECK(r.code == PBS_LIMIT);
+    rec_end(&r);
+    rec_begin(&r); /* the vertices do not fit: they go to a file */
+    r.run.mem_limit = 1 << 20;
+    rec_import(&r, pbs_import_obj, "a.obj", text, n);
+    CHECK(r.code == PBS_OK && r.triangles == 1 && r.run.mem_peak < 1 << 20);
+    const pbs_corner *c = r.triangle[0].corner;
+    CHECK(c[0].position[0] == 7 && c[0].position[2] == 9 && c[2].position[1] == 2);
+    CHECK(c[0].colour[0] == 255 && c[0].colour[3] == 255 && c[1].colour[2] == 1);
     rec_end(&r);
     volatile sig_atomic_t stop = 1;
     rec_begin(&r);

@@ -438,6 +438,38 @@ TEST(memory_limit_and_cancel) {
     rec_end(&r);
 }
 
+/* Vertices of a text that do not fit into the limit go to a file, and nothing else changes. */
+TEST(more_vertices_than_memory) {
+    enum { N = 40000 };
+    char *text = malloc(N * 32 + 200);
+    if (!text) abort();
+    size_t n = (size_t)sprintf(text,
+                               "ply\nformat ascii 1.0\nelement vertex %d\nproperty double x\n"
+                               "property double y\nproperty double z\nelement face %d\n"
+                               "property list uchar int vertex_indices\nend_header\n",
+                               N, N / 2);
+    for (int i = 0; i < N; i++) n += (size_t)sprintf(text + n, "%d %d %d\n", i, -i, i % 7);
+    for (int i = 0; i < N / 2; i++)
+        n += (size_t)sprintf(text + n, "3 %d %d %d\n", i, N - 1 - i, i + 1);
+    for (int limited = 0; limited < 2; limited++) {
+        rec r;
+        int wrong = 0;
+        rec_begin(&r);
+        r.run.mem_limit = limited ? 1 << 20 : 0;
+        rec_import(&r, pbs_import_ply, "a.ply", text, n);
+        CHECK(!r.code && r.triangles == N / 2);
+        CHECK(!limited || r.run.mem_peak < 1 << 20);
+        for (int i = 0; i < N / 2; i++) {
+            const pbs_corner *c = r.triangle[i].corner;
+            wrong += c[0].position[0] != i || c[1].position[1] != 1 - N + i ||
+                     c[2].position[2] != (i + 1) % 7;
+        }
+        CHECK_NUM(wrong == 0, wrong);
+        rec_end(&r);
+    }
+    free(text);
+}
+
 TEST(other_peoples_files) {
     static const struct {
         const char *name;

@@ -349,9 +349,10 @@ typedef struct visits {
     size_t count;
 } visits;
 
-static pbs_code visit(void *ctx, uint32_t node, const double m[12], bool *descend, pbs_err *e) {
+static pbs_code visit(void *ctx, uint32_t node, const double m[12], uint32_t flags, bool *descend,
+                      pbs_err *e) {
     visits *v = ctx;
-    (void)e;
+    (void)e, (void)flags;
     if (v->count < 20000) {
         v->seen[v->count] = node;
         memcpy(v->m[v->count], m, sizeof v->m[0]);
@@ -363,7 +364,7 @@ static pbs_code visit(void *ctx, uint32_t node, const double m[12], bool *descen
 
 static void walk_slowly(const pbs_node *nodes, uint32_t node, const double m[12], visits *v) {
     bool descend;
-    visit(v, node, m, &descend, NULL);
+    visit(v, node, m, 0, &descend, NULL);
     for (uint32_t i = 0; descend && i < nodes[node].child_count; i++) {
         double t[12];
         pbs_xform_mul(t, m, nodes[node].children[i].m);
@@ -396,9 +397,9 @@ TEST(walk_against_recursion) {
     }
 }
 
-static pbs_code count_visits(void *ctx, uint32_t node, const double m[12], bool *descend,
-                             pbs_err *e) {
-    (void)node, (void)m, (void)descend;
+static pbs_code count_visits(void *ctx, uint32_t node, const double m[12], uint32_t flags,
+                             bool *descend, pbs_err *e) {
+    (void)node, (void)m, (void)flags, (void)descend;
     return ++*(size_t *)ctx == 1000000 ? pbs_fail(e, PBS_CANCEL, "enough") : PBS_OK;
 }
 

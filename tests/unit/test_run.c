@@ -6,6 +6,8 @@
 #include <errno.h>
 #include <pthread.h>
 #include <sched.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
 /* ---- errors ---- */
 
@@ -415,6 +417,122 @@ TEST(parallel_with_more_threads_than_slots) {
     int wrong = 0;
     pbs_run run = {.threads = 300};
     CHECK(!pbs_parallel(&run, 2000, nothing, &wrong, NULL) && !wrong);
+}
+
+/* ---- calls within calls, and beside each other ---- */
+
+typedef struct nest {
+    pbs_run run;
+    uint64_t sum[100];
+    int wrong; /* atomic */
+} nest;
+
+typedef struct inner {
+    nest *nest;
+    pthread_t caller;
+    uint64_t sum; /* not atomic: one thread adds */
+} inner;
+
+static pbs_code add_one(void *ctx, size_t i, int thread, pbs_err *err) {
+    (void)err;
+    inner *in = ctx;
+    if (thread || !pthread_equal(in->caller, pthread_self()))
+        __atomic_fetch_add(&in->nest->wrong, 1, 0);
+    in->sum += i;
+    return PBS_OK;
+}
+
+static pbs_code loop_inside(void *ctx, size_t i, int thread, pbs_err *err) {
+    (void)thread;
+    nest *n = ctx;
+    inner in = {n, pthread_self(), 0};
+    pbs_code rc = pbs_parallel(&n->run, i, add_one, &in, err);
+    n->sum[i] = in.sum;
+    return rc;
+}
+
+static pbs_code pipe_inside(void *ctx, size_t i, int thread, pbs_err *err) {
+    nest *n = ctx;
+    line l = new_line((int)i);
+    item array[5];
+    (void)thread;
+    l.caller = pthread_self(), l.one_thread = true;
+    pbs_pipe p = {&l, fill, square, drain, array, sizeof *array, 5};
+    pbs_code rc = pbs_pipe_run(&n->run, &p, err);
+    if (l.wrong || l.sunk != (int)i) __atomic_fetch_add(&n->wrong, 1, 0);
+    return rc;
+}
+
+TEST(a_call_within_a_call_runs_alone) {
+    static nest n;
+    for (int threads = 2; threads < 9; threads += 3) {
+        memset(&n, 0, sizeof n);
+        n.run.threads = threads;
+        CHECK(!pbs_parallel(&n.run, 100, loop_inside, &n, NULL) && !n.wrong);
+        for (size_t i = 1; i < 100; i++) CHECK(n.sum[i] == i * (i - 1) / 2);
+        CHECK(!pbs_parallel(&n.run, 100, pipe_inside, &n, NULL) && !n.wrong);
+    }
+}
+
+static pbs_code note_thread(void *ctx, size_t i, int thread, pbs_err *err) {
+    (void)i, (void)err;
+    for (int k = 0; k < 20; k++) sched_yield(); /* let the others come */
+    __atomic_store_n((int *)ctx + thread, 1, __ATOMIC_RELAXED);
+    return PBS_OK;
+}
+
+/* The one item of a loop has all threads for itself. */
+static pbs_code loop_in_one(void *ctx, size_t i, int thread, pbs_err *err) {
+    (void)i, (void)thread;
+    pbs_run run = {.threads = 2};
+    return pbs_parallel(&run, 2000, note_thread, ctx, err);
+}
+
+TEST(one_item_is_no_loop) {
+    int seen[2] = {0};
+    pbs_run run = {.threads = 2};
+    for (int i = 0; i < 100 && !seen[1]; i++)
+        CHECK(!pbs_parallel(&run, 1, loop_in_one, seen, NULL));
+    CHECK(seen[0] && seen[1]);
+}
+
+static void *caller(void *arg) {
+    (void)arg;
+    size_t wrong = 0;
+    for (int round = 0; round < 20; round++) {
+        pbs_run run = {.threads = 1 + round % 4};
+        size_t from = round % 2 ? 150 : SIZE_MAX;
+        loop l = {.fail_from = from, .threads = run.threads};
+        pbs_code rc = pbs_parallel(&run, 200, see, &l, NULL);
+        wrong += rc != (round % 2 ? PBS_DATA : PBS_OK) || l.wrong != 0;
+        for (size_t i = 0; i < 150; i++) wrong += l.seen[i] != 1;
+        line in_order = new_line(50);
+        item array[6];
+        pbs_pipe p = {&in_order, fill, square, drain, array, sizeof *array, 6};
+        wrong += pbs_pipe_run(&run, &p, NULL) || in_order.wrong || in_order.sunk != 50;
+    }
+    return wrong ? "wrong" : NULL;
+}
+
+TEST(several_callers_at_a_time) {
+    pthread_t t[4];
+    for (int i = 0; i < 4; i++) CHECK(!pthread_create(&t[i], NULL, caller, NULL));
+    for (int i = 0; i < 4; i++) {
+        void *wrong;
+        pthread_join(t[i], &wrong);
+        CHECK(!wrong);
+    }
+}
+
+/* A copy of the process has no helpers, and works without. */
+TEST(a_fork_works_alone) {
+    int wrong = 0, status = 1;
+    pbs_run run = {.threads = 3};
+    CHECK(!pbs_parallel(&run, 1000, nothing, &wrong, NULL));
+    fflush(stdout);
+    pid_t child = fork();
+    if (!child) _exit(pbs_parallel(&run, 1000, nothing, &wrong, NULL) ? 1 : 0);
+    CHECK(child > 0 && waitpid(child, &status, 0) == child && status == 0);
 }
 
 TEST_MAIN

@@ -22,13 +22,18 @@ static maker new_scene(void) {
     return m;
 }
 
-static uint32_t add_part(const maker *m, const char *name, bool empty) {
+/* size 0: an empty part. */
+static uint32_t add_quad(const maker *m, const char *name, double size) {
     uint32_t node;
     const double origin[3] = {0, 0, 0};
     must(m->s->part_begin(m->s->ctx, name, origin, 0, &err), &err);
-    if (!empty) put_quad(m->s, 1, PBS_NONE, PBS_NONE);
+    if (size > 0) put_quad(m->s, size, PBS_NONE, PBS_NONE);
     must(m->s->part_end(m->s->ctx, &node, &err), &err);
     return node;
+}
+
+static uint32_t add_part(const maker *m, const char *name, bool empty) {
+    return add_quad(m, name, empty ? 0 : 1);
 }
 
 static uint32_t add_assembly(const maker *m, uint32_t a, uint32_t b, double move) {
@@ -195,7 +200,7 @@ TEST(scene_writer_refuses_and_counts) {
     m = new_scene(); /* a placing that cannot be, and a root that is not the last node */
     uint32_t part = add_part(&m, "one", false);
     uint32_t root = add_assembly(&m, part, part, NAN);
-    add_part(&m, "unused", false);
+    add_quad(&m, "unused", 2);
     pbs_scene s;
     CHECK(!reopen(&m, root, &s) && s.skipped[PBS_SKIP_TRANSFORM] == 1);
     CHECK(s.node_count == 4 && s.nodes[3].triangles == 2 && s.nodes[3].children[0].node == root);
@@ -215,16 +220,26 @@ typedef struct mesh_file {
     uint32_t first[64];
     size_t count;
     uint64_t triangles, skipped[PBS_SKIP_KINDS];
+    uint32_t seen;
     pbs_box box;
     pbs_writer *w;
     pbs_builder *builder;
 } mesh_file;
 
+static pbs_code put_mesh(void *ctx, uint32_t triangles, const pbs_piece *piece, int pieces,
+                         pbs_err *e) {
+    mesh_file *f = ctx;
+    pbs_chunk c = {.tag = PBS_TAG_MESH, .node = 3, .count = triangles, .first = f->seen};
+    f->seen += triangles;
+    return pbs_writer_chunk(f->w, &c, piece, pieces, e);
+}
+
 static void begin_mesh(mesh_file *f, const double origin[3], uint32_t corners) {
     memset(f, 0, sizeof *f);
     f->w = spool_writer(&run, PBS_SCENE, NULL, 0);
-    must(pbs_builder_new(&run, f->w, &f->builder, &err), &err);
-    pbs_builder_begin(f->builder, 3, origin, corners);
+    pbs_mesh_out to = {f, put_mesh};
+    must(pbs_builder_new(&run, to, &f->builder, &err), &err);
+    pbs_builder_begin(f->builder, origin, corners);
 }
 
 static void end_mesh(mesh_file *f) {

@@ -1,5 +1,6 @@
 /* The player's arithmetic: cameras and cuts. */
 #include "cmd/pbs-view/cut.h"
+#include "libcore/lod.h"
 #include "tests/check.h"
 
 static uint64_t state = 88172645463325252u;
@@ -213,7 +214,7 @@ TEST(stretch_is_the_largest) {
     for (int i = 0; i < 200; i++) {
         double m[12], largest = 0;
         random_matrix(m, pow(10, uniform(-9, 9)));
-        double stretch = pbs_cut_stretch(m);
+        double stretch = pbs_lod_stretch(m);
         for (int k = 0; k < 2000; k++) {
             double v[3] = {uniform(-1, 1), uniform(-1, 1), uniform(-1, 1)}, w[3];
             double length = sqrt(dot(v, v));
@@ -224,8 +225,8 @@ TEST(stretch_is_the_largest) {
         CHECK_NUM(largest >= stretch * 0.99, largest / stretch);
     }
     double mirrored[12] = {0, 3, 0, 9, -3, 0, 0, 9, 0, 0, -3, 9}, zero[12] = {0};
-    CHECK_NUM(fabs(pbs_cut_stretch(mirrored) - 3) < 1e-12, pbs_cut_stretch(mirrored));
-    CHECK(pbs_cut_stretch(zero) == 0);
+    CHECK_NUM(fabs(pbs_lod_stretch(mirrored) - 3) < 1e-12, pbs_lod_stretch(mirrored));
+    CHECK(pbs_lod_stretch(zero) == 0);
 }
 
 /* A disc of the wanted radius that faces the eye is `pixels` across in the picture. */

@@ -1,0 +1,96 @@
+#include "formats/scratch.h"
+#include "formats/file.h"
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <unistd.h>
+
+/* ---- pages ---- */
+
+/* The program itself and its libraries are mapped files, too. */
+#define PROGRAM ((size_t)16 << 20)
+
+/* Bytes of mapped files in memory; 0 if the system does not say. */
+static size_t held(const pbs_trim *t) {
+    char text[128];
+    unsigned long long size, resident, shared;
+    ssize_t n = t->statm < 0 ? 0 : pread(t->statm, text, sizeof text - 1, 0);
+    if (n <= 0) return 0;
+    text[n] = 0;
+    if (sscanf(text, "%llu %llu %llu", &size, &resident, &shared) != 3) return 0;
+    return (size_t)shared * (size_t)sysconf(_SC_PAGESIZE);
+}
+
+void pbs_trim_open(const pbs_run *run, pbs_trim *t) {
+    memset(t, 0, sizeof *t);
+    t->statm = open("/proc/self/statm", O_RDONLY | O_CLOEXEC);
+    t->limit = pbs_mem_left(run) / 2 + PROGRAM;
+}
+
+void pbs_trim_add(pbs_trim *t, const void *bytes, size_t size) {
+    if (!bytes || t->count == PBS_TRIM_RANGES) return;
+    t->range[t->count].bytes = bytes;
+    t->range[t->count++].size = size;
+}
+
+void pbs_trim_drop(pbs_trim *t, const void *bytes) {
+    for (int i = 0; i < t->count; i++)
+        if (t->range[i].bytes == bytes) t->range[i--] = t->range[--t->count];
+}
+
+void pbs_trim_now(const pbs_trim *t) {
+    if (!t->count || (t->statm >= 0 && held(t) <= t->limit)) return;
+    for (int i = 0; i < t->count; i++)
+        madvise((void *)t->range[i].bytes, t->range[i].size, MADV_DONTNEED);
+}
+
+void pbs_trim_close(pbs_trim *t) {
+    if (t->statm >= 0) close(t->statm);
+    t->statm = -1;
+    t->count = 0;
+}
+
+/* ---- arrays ---- */
+
+/* The file gets all its blocks at once: a page of a map that finds the disk full would end the
+ * program. */
+static pbs_code map_file(pbs_scratch *s, const pbs_output *spool, const char *what, pbs_err *err) {
+    int bad;
+    do {
+        pbs_code rc = pbs_run_check(s->run, err);
+        if (rc) return rc;
+        bad = posix_fallocate(spool->fd, 0, (off_t)s->size);
+    } while (bad == EINTR);
+    errno = bad;
+    if (bad) return pbs_fail_errno(err, "%s: %s", what, spool->name);
+    void *p = mmap(NULL, s->size, PROT_READ | PROT_WRITE, MAP_SHARED, spool->fd, 0);
+    if (p == MAP_FAILED) return pbs_fail_errno(err, "%s: %s: map", what, spool->name);
+    s->bytes = p;
+    s->is_file = true;
+    return PBS_OK;
+}
+
+pbs_code pbs_scratch_new(pbs_run *run, size_t count, size_t size, const char *what,
+                         pbs_scratch *out, pbs_err *err) {
+    *out = (pbs_scratch){.run = run};
+    if (size && count > SIZE_MAX / 4 / size) return pbs_fail(err, PBS_LIMIT, "%s: too large", what);
+    out->size = count * size;
+    if (out->size <= pbs_mem_left(run) / 4)
+        return pbs_alloc(run, &out->bytes, out->size, 1, what, err);
+    pbs_output spool;
+    pbs_code rc = pbs_output_spool(run, &spool, err);
+    if (rc) return rc;
+    rc = map_file(out, &spool, what, err);
+    pbs_output_close(&spool);
+    return rc;
+}
+
+void pbs_scratch_free(pbs_scratch *s) {
+    if (s->is_file)
+        munmap(s->bytes, s->size);
+    else if (s->bytes)
+        pbs_free(s->run, s->bytes);
+    memset(s, 0, sizeof *s);
+}
