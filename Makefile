@@ -35,7 +35,7 @@ LDLIBS      := -lm -ldl
 core    := $(patsubst %.c,$(B)/obj/%.o,$(wildcard libcore/*.c))
 formats := $(patsubst %.c,$(B)/obj/%.o,$(wildcard formats/*.c))
 tool    := $(patsubst %.c,$(B)/obj/%.o,$(filter-out cmd/pbs-%,$(wildcard cmd/*.c)))
-programs := $(patsubst cmd/%.c,$(B)/bin/%,$(wildcard cmd/pbs-*.c)) $(B)/bin/pbs-view
+programs := $(patsubst cmd/%.c,$(B)/bin/%,$(wildcard cmd/pbs-*.c)) $(B)/bin/pbs-view $(B)/bin/pbs-build
 view    := $(patsubst %.c,$(B)/obj/%.o,$(wildcard cmd/pbs-view/*.c))
 unit    := $(patsubst tests/unit/%.c,$(B)/tests/%,$(wildcard tests/unit/*.c))
 benches := $(patsubst tests/bench/%.c,$(B)/tests/%,$(wildcard tests/bench/bench_*.c))
@@ -82,6 +82,10 @@ $(B)/libformats.a: $(formats)
 $(B)/bin/pbs-view: $(view) $(tool) $(B)/libformats.a $(B)/libcore.a
 	@mkdir -p $(@D)
 	$(CC) $(ALLLDFLAGS) -o $@ $^ $(LDLIBS)
+$(B)/bin/pbs-build: cmd/pbs-build Makefile
+	@mkdir -p $(@D)
+	sed 's/@VERSION@/$(VERSION)/' $< >$@
+	@chmod 755 $@
 $(B)/bin/pbs-%: $(B)/obj/cmd/pbs-%.o $(tool) $(B)/libformats.a $(B)/libcore.a
 	@mkdir -p $(@D)
 	$(CC) $(ALLLDFLAGS) -o $@ $^ $(LDLIBS)
@@ -145,9 +149,10 @@ lint:
 	@scripts/lint
 
 install: all
-	install -d $(DESTDIR)$(PREFIX)/bin $(DESTDIR)$(PREFIX)/lib/pbs $(addprefix $(DESTDIR)$(PREFIX)/share/man/man,1 5 7)
+	install -d $(DESTDIR)$(PREFIX)/bin $(DESTDIR)$(PREFIX)/lib/pbs $(addprefix $(DESTDIR)$(PREFIX)/share/,pbs $(addprefix man/man,1 5 7))
 	install -m 755 $(programs) $(DESTDIR)$(PREFIX)/bin
 	$(if $(modules),install -m 644 $(modules:%=$(B)/lib/pbs/%.so) $(DESTDIR)$(PREFIX)/lib/pbs)
+	install -m 644 scripts/batch.mk $(DESTDIR)$(PREFIX)/share/pbs
 	for s in 1 5 7; do install -m 644 man/*.$$s $(DESTDIR)$(PREFIX)/share/man/man$$s; done
 
 clean:

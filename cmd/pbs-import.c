@@ -1,4 +1,5 @@
 /* pbs-import: a scene file to a scene stream. */
+#include "cmd/depend.h"
 #include "cmd/notes.h"
 #include "cmd/tool.h"
 #include "formats/scene.h"
@@ -7,6 +8,7 @@
 typedef struct options {
     bool ignore_missing;
     uint64_t split, group;
+    const char *depend, *target;
 } options;
 
 static const pbs_option table[] = {
@@ -16,6 +18,10 @@ static const pbs_option table[] = {
      "cut parts with more triangles into parts (0: never)", 0, 0, NULL, true},
     {0, "group", PBS_COUNT, offsetof(options, group), "N",
      "group the children of assemblies with more (0: never)", 0, 0, NULL, true},
+    {0, "depend", PBS_TEXT, offsetof(options, depend), "FILE",
+     "write a rule for make: which files were read", 0, 0, NULL, false},
+    {0, "depend-target", PBS_TEXT, offsetof(options, target), "NAME",
+     "what the rule says is made of them (default: the output)", 0, 0, NULL, false},
 };
 
 static const pbs_tool tool = {"pbs-import",
@@ -27,13 +33,18 @@ static const pbs_tool tool = {"pbs-import",
                               sizeof table / sizeof table[0],
                               false};
 
-static pbs_code import(pbs_app *app, pbs_input *in, pbs_writer *w, const options *o, pbs_err *err) {
+static pbs_code import(pbs_app *app, pbs_input *in, pbs_writer *w, const options *o, pbs_depend *d,
+                       pbs_err *err) {
     pbs_scene_writer *sw;
     pbs_scene_options so = {o->ignore_missing, o->split, o->group};
     pbs_code rc = pbs_scene_writer_new(&app->run, w, &so, &sw, err);
     if (rc) return rc;
     rc = pbs_import_input(in, pbs_operand(app, 0), pbs_scene_sink(sw), err);
     if (!rc && (rc = pbs_scene_writer_end(sw, err))) pbs_fail_in(err, "%s", in->name);
+    /* Before the output is whole: who has the output has the rule. */
+    if (!rc && o->depend)
+        rc = pbs_depend_write(d, &app->run, o->depend, o->target ? o->target : app->common.output,
+                              err);
     if (!rc) rc = pbs_writer_commit(w, err);
     if (!rc) {
         pbs_scene_totals t = pbs_scene_writer_totals(sw);
@@ -56,6 +67,11 @@ static pbs_code work(pbs_app *app, void *opt, pbs_err *err) {
     pbs_writer *w = NULL;
     const uint8_t *head;
     size_t n;
+    const options *o = opt;
+    pbs_depend depend = {0};
+    if (o->depend && !o->target && !app->common.output)
+        return pbs_fail(err, PBS_USAGE, "--depend: needs --depend-target or --output");
+    if (o->depend) pbs_depend_begin(&depend, &app->run);
     pbs_code rc = pbs_input_open(&app->run, pbs_operand(app, 0), &in, err);
     if (rc) return rc;
     rc = pbs_input_peek(&in, &head, &n, err);
@@ -66,7 +82,8 @@ static pbs_code work(pbs_app *app, void *opt, pbs_err *err) {
             &app->run,
             &(pbs_writer_desc){.path = app->common.output, .kind = PBS_SCENE, .stage = app->stage},
             &w, err);
-    if (!rc) rc = import(app, &in, w, opt, err);
+    if (!rc) rc = import(app, &in, w, o, &depend, err);
+    pbs_depend_end(&depend, &app->run);
     pbs_writer_close(w);
     pbs_input_close(&in);
     return rc;

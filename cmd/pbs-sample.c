@@ -16,7 +16,8 @@ typedef struct options {
     int method;
     double normal_weight;
     bool no_octaves;
-    const char *measure;
+    const char *measure, *cache;
+    uint64_t cache_size;
 } options;
 
 static const char *const methods[] = {"greedy", "paper", "random", NULL}; /* as pbs_method */
@@ -36,6 +37,10 @@ static const pbs_option table[] = {
      "write no averaged colours and normals for early prefixes", 0, 0, NULL, true},
     {0, "measure", PBS_TEXT, offsetof(options, measure), "FILE",
      "write measures of prefixes of every node as tab-separated values", 0, 0, NULL, false},
+    {0, "cache", PBS_TEXT, offsetof(options, cache), "DIR",
+     "keep results there, and reuse those of nodes that did not change", 0, 0, NULL, false},
+    {0, "cache-size", PBS_BYTES, offsetof(options, cache_size), "SIZE",
+     "what the cache may take (default 1G)", 0, 0, NULL, false},
 };
 
 static const pbs_tool tool = {"pbs-sample",
@@ -53,6 +58,7 @@ typedef struct job {
     pbs_writer *w;
     pbs_sampler *sampler;
     pbs_quality quality;
+    pbs_cache *cache; /* or NULL */
     pbs_record in, out;
     pbs_points candidates; /* of the node that is being read */
     size_t cap;
@@ -61,7 +67,7 @@ typedef struct job {
     size_t node_count, nodes_cap, used_cap;
     pbs_keep *keep; /* NULL until a node asks for it */
     pbs_below *below;
-    uint64_t total_in, total_out, duplicates, invalid, sampled, splats;
+    uint64_t total_in, total_out, duplicates, invalid, sampled, splats, cached;
     double covering, min_spacing, median;
 } job;
 
@@ -141,6 +147,26 @@ static pbs_sample_params params_of(const job *j, const pbs_node *node) {
                                .subset = (uint32_t)j->o->subset};
 }
 
+/* From the cache, or made and put there. */
+static pbs_code choose(job *j, const pbs_sample_params *p, size_t room, uint32_t *order,
+                       float *spacing, pbs_sample_result *r, pbs_err *err) {
+    const pbs_points *in = &j->candidates;
+    bool found = false;
+    if (!j->cache) return pbs_sample(j->sampler, in, p, order, spacing, r, err);
+    pbs_cache_key key = pbs_cache_sample_key(in, p);
+    pbs_code rc = PBS_OK;
+    pbs_quality_key(&j->quality, &key, in);
+    if (pbs_cache_find_sample(j->cache, &key, in->count, room, order, spacing, r))
+        rc = pbs_quality_find(&j->quality, in, r->count, &found, err);
+    if (rc || found) {
+        j->cached += found;
+        return rc;
+    }
+    rc = pbs_sample(j->sampler, in, p, order, spacing, r, err);
+    if (!rc) rc = pbs_cache_store_sample(j->cache, &key, order, spacing, r, err);
+    return rc;
+}
+
 static pbs_code sample_node(job *j, pbs_node *node, pbs_err *err) {
     pbs_run *run = &j->app->run;
     pbs_sample_params p = params_of(j, node);
@@ -158,7 +184,7 @@ static pbs_code sample_node(job *j, pbs_node *node, pbs_err *err) {
                      "the sampler", err);
     if (!rc) rc = pbs_alloc(run, &order, n, sizeof *order, "the order", err);
     if (!rc) rc = pbs_alloc(run, &spacing, n, sizeof *spacing, "the spacing", err);
-    if (!rc) rc = pbs_sample(j->sampler, &j->candidates, &p, order, spacing, &r, err);
+    if (!rc) rc = choose(j, &p, n, order, spacing, &r, err);
     if (!rc) rc = emit(j, node, order, spacing, &r, err);
     run->threads = threads;
     pbs_free(run, order);
@@ -330,6 +356,7 @@ static void add_stats(job *j) {
     pbs_app *app = j->app;
     pbs_stat_count(app, "nodes", j->node_count);
     pbs_stat_count(app, "nodes_sampled", j->sampled);
+    if (j->o->cache) pbs_stat_count(app, "nodes_cached", j->cached);
     if (j->splats) pbs_stat_count(app, "surfels_splatted", j->splats);
     pbs_stat_count(app, "candidates", j->total_in);
     pbs_stat_count(app, "surfels", j->total_out);
@@ -355,11 +382,14 @@ static pbs_code sample_all(job *j, pbs_err *err) {
 
 static pbs_code work(pbs_app *app, void *opt, pbs_err *err) {
     job j = {.app = app, .o = opt, .min_spacing = NAN};
-    j.quality = (pbs_quality){.run = &app->run,
+    pbs_code rc = PBS_OK;
+    if (j.o->cache) rc = pbs_cache_open(&app->run, j.o->cache, j.o->cache_size, &j.cache, err);
+    j.quality = (pbs_quality){.cache = j.cache,
+                              .run = &app->run,
                               .octaves = !j.o->no_octaves,
                               .measure = j.o->measure,
                               .normal_weight = (float)j.o->normal_weight};
-    pbs_code rc = pbs_sampler_new(&app->run, &j.sampler, err);
+    if (!rc) rc = pbs_sampler_new(&app->run, &j.sampler, err);
     if (!rc) rc = pbs_quality_open(&j.quality, err);
     if (!rc) rc = sample_all(&j, err);
     if (!rc) rc = pbs_writer_commit(j.w, err);
@@ -374,10 +404,12 @@ static pbs_code work(pbs_app *app, void *opt, pbs_err *err) {
     pbs_free(&app->run, j.used);
     pbs_below_free(j.below);
     pbs_keep_free(j.keep);
+    pbs_cache_totals t = pbs_cache_close(j.cache);
+    if (!rc && t.trouble[0]) pbs_note(app, "nothing more was put into the cache: %s", t.trouble);
     return rc;
 }
 
 int main(int argc, char **argv) {
-    options o = {.normal_weight = 1, .subset = 200};
+    options o = {.normal_weight = 1, .subset = 200, .cache_size = 1000000000};
     return pbs_tool_main(argc, argv, &tool, &o, work);
 }

@@ -71,18 +71,72 @@ static pbs_code measure_node(pbs_quality *q, const pbs_node *node, const pbs_poi
     return rc;
 }
 
+/* ---- octaves, averaged or found ---- */
+
+static bool has_octaves(const pbs_quality *q, const pbs_points *candidates, size_t surfels) {
+    uint32_t channels = pbs_points_channels(candidates) & ~(uint32_t)PBS_POSITION;
+    return q->octaves && pbs_octave_record(channels).stride && pbs_octaves(surfels);
+}
+
+static int parts_of(const pbs_points *entries, size_t n, pbs_cache_part part[4]) {
+    void *channel[4] = {entries->normal, entries->colour, entries->material, entries->emissive};
+    int count = 0;
+    for (int i = 0; i < 4; i++)
+        if (channel[i]) part[count++] = (pbs_cache_part){channel[i], 4 * n};
+    return count;
+}
+
+void pbs_quality_key(pbs_quality *q, const pbs_cache_key *key, const pbs_points *c) {
+    pbs_piece piece[5] = {{"octaves 1", 9},
+                          {key, sizeof *key},
+                          {c->colour, c->colour ? 4 * c->count : 0},
+                          {c->material, c->material ? 4 * c->count : 0},
+                          {c->emissive, c->emissive ? 4 * c->count : 0}};
+    q->key = pbs_cache_key_of(piece, 5);
+}
+
+pbs_code pbs_quality_find(pbs_quality *q, const pbs_points *candidates, size_t surfels, bool *found,
+                          pbs_err *err) {
+    *found = true;
+    if (!has_octaves(q, candidates, surfels)) return PBS_OK;
+    size_t n = pbs_octave_begin(surfels, 0);
+    pbs_cache_part part[4];
+    pbs_code rc = pbs_points_grow(q->run, pbs_points_channels(candidates) & ~(uint32_t)PBS_POSITION,
+                                  &q->entries, &q->cap, n, err);
+    if (rc) return rc;
+    int count = parts_of(&q->entries, n, part);
+    *found = pbs_cache_find(q->cache, &q->key, part, count);
+    for (int i = 0; i < count && *found; i++) *found = part[i].size == 4 * n;
+    q->found = *found;
+    if (*found) q->entries.count = n;
+    return PBS_OK;
+}
+
+static pbs_code make_octaves(pbs_quality *q, pbs_sampler *sampler, const pbs_points *candidates,
+                             const uint32_t *order, const float *spacing, size_t surfels,
+                             pbs_err *err) {
+    pbs_cache_part part[4];
+    pbs_piece piece[4];
+    size_t n = pbs_octave_begin(surfels, 0);
+    pbs_code rc = pbs_points_grow(q->run, pbs_points_channels(candidates) & ~(uint32_t)PBS_POSITION,
+                                  &q->entries, &q->cap, n, err);
+    if (!rc)
+        rc = pbs_average(q->averager, sampler, candidates, order, spacing, surfels, &q->entries,
+                         err);
+    if (rc || !q->cache) return rc;
+    int count = parts_of(&q->entries, n, part);
+    for (int i = 0; i < count; i++) piece[i] = (pbs_piece){part[i].bytes, part[i].size};
+    return pbs_cache_store(q->cache, &q->key, piece, count, err);
+}
+
 pbs_code pbs_quality_node(pbs_quality *q, pbs_writer *w, const pbs_node *node, pbs_sampler *sampler,
                           const pbs_points *candidates, const uint32_t *order, const float *spacing,
                           size_t surfels, pbs_err *err) {
-    uint32_t channels = pbs_points_channels(candidates) & ~(uint32_t)PBS_POSITION;
-    pbs_record entry = pbs_octave_record(channels);
+    pbs_record entry = pbs_octave_record(pbs_points_channels(candidates) & ~(uint32_t)PBS_POSITION);
     pbs_code rc = PBS_OK;
-    if (q->octaves && entry.stride && pbs_octaves(surfels)) {
-        rc = pbs_points_grow(q->run, channels, &q->entries, &q->cap, pbs_octave_begin(surfels, 0),
-                             err);
-        if (!rc)
-            rc = pbs_average(q->averager, sampler, candidates, order, spacing, surfels, &q->entries,
-                             err);
+    if (has_octaves(q, candidates, surfels)) {
+        if (!q->found) rc = make_octaves(q, sampler, candidates, order, spacing, surfels, err);
+        q->found = false;
         if (!rc)
             rc = pbs_octaves_write(q->run, w, &entry, node->id, &q->entries, PBS_POINTS_CHUNK, err);
     }

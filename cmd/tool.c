@@ -1,5 +1,6 @@
 #include "cmd/tool.h"
 #include <errno.h>
+#include <fcntl.h>
 #include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -35,28 +36,66 @@ static void catch_signals(void) {
     signal(SIGXFSZ, SIG_IGN); /* and so is ulimit -f */
 }
 
-/* ---- progress: a terminal only, at most six times a second ---- */
+/* ---- progress: at most six times a second, on a terminal or to whoever asked for it ---- */
+
+/* A line in one piece, so that several programs can write to the same file. A pipe that nobody
+ * empties takes nothing, and we don't wait for it. */
+static void tell_progress(const pbs_app *app, const char *what, double share, double left) {
+    char line[160], percent[24] = "-", seconds[24] = "-";
+    if (share >= 0) snprintf(percent, sizeof percent, "%.0f", floor(100 * share));
+    if (left >= 0) snprintf(seconds, sizeof seconds, "%.0f", ceil(left));
+    int n = snprintf(line, sizeof line, "%s %s %s %s\n", app->tool->name, percent, seconds, what);
+    if (n >= (int)sizeof line) line[sizeof line - 2] = '\n', n = (int)sizeof line - 1;
+    ssize_t told = write(app->progress_to, line, (size_t)n);
+    (void)told;
+}
+
+/* From how fast this went so far; a stage of a pipe has waited before, and that counts for nothing.
+ */
+static double time_left(pbs_app *app, const char *what, double t, double share) {
+    if (what != app->phase || share < app->phase_share) {
+        app->phase = what;
+        app->phase_start = t;
+        app->phase_share = share;
+    }
+    double made = share - app->phase_share;
+    return made > 0.02 ? (t - app->phase_start) * (1 - share) / made : -1;
+}
 
 static void draw_progress(void *ctx, const char *what, uint64_t done, uint64_t total) {
     pbs_app *app = ctx;
     double t = now(), last;
     __atomic_load(&app->drawn, &last, __ATOMIC_RELAXED);
     if (t - last < 1.0 / 6 || !__atomic_compare_exchange(&app->drawn, &last, &t, false,
-                                                         __ATOMIC_RELAXED, __ATOMIC_RELAXED))
+                                                         __ATOMIC_ACQ_REL, __ATOMIC_RELAXED))
         return;
-    __atomic_store_n(&app->progress_shown, true, __ATOMIC_RELAXED);
-    if (!total || done > total) {
-        fprintf(stderr, "\r\033[K%s: %s", app->tool->name, what);
+    double share = total && done <= total ? (double)done / (double)total : -1;
+    double left = time_left(app, what, t, share);
+    if (app->progress_to >= 0) {
+        tell_progress(app, what, share, left);
         return;
     }
-    double share = (double)done / (double)total, left = (t - app->start) * (1 - share) / share;
-    fprintf(stderr, "\r\033[K%s: %s %3.0f %%", app->tool->name, what, 100 * share);
-    if (share > 0.02) fprintf(stderr, ", %.0f s left", ceil(left));
+    __atomic_store_n(&app->progress_shown, true, __ATOMIC_RELAXED);
+    fprintf(stderr, "\r\033[K%s: %s", app->tool->name, what);
+    if (share >= 0) fprintf(stderr, " %3.0f %%", 100 * share);
+    if (left >= 0) fprintf(stderr, ", %.0f s left", ceil(left));
 }
 
 static void clear_progress(pbs_app *app) {
     if (app->progress_shown) fprintf(stderr, "\r\033[K");
     app->progress_shown = false;
+}
+
+/* Progress is a courtesy: a file that cannot be opened is no error. */
+static void open_progress(pbs_app *app) {
+    const char *to = getenv("PBS_PROGRESS");
+    if (app->common.quiet) return;
+    if (to && *to)
+        app->progress_to =
+            open(to, O_WRONLY | O_CREAT | O_APPEND | O_NONBLOCK | O_CLOEXEC | O_NOCTTY, 0666);
+    if (app->progress_to < 0 && ((to && *to) || !isatty(2))) return;
+    app->run.progress = draw_progress;
+    app->run.progress_ctx = app;
 }
 
 /* ---- limits ---- */
@@ -81,10 +120,7 @@ static pbs_code set_limits(pbs_app *app, pbs_err *err) {
     if (!j) j = cpus > 0 ? (uint64_t)cpus : 1;
     if (!m) m = (uint64_t)sysconf(_SC_PHYS_PAGES) * (uint64_t)sysconf(_SC_PAGESIZE) / 2;
     app->run = (pbs_run){.threads = j > 256 ? 256 : (int)j, .mem_limit = m, .cancel = &cancelled};
-    if (isatty(2) && !app->common.quiet) {
-        app->run.progress = draw_progress;
-        app->run.progress_ctx = app;
-    }
+    open_progress(app);
     return pbs_mem_take(&app->run, PBS_MEM_BASE, "the program itself", err);
 }
 
@@ -204,17 +240,19 @@ static pbs_code run(pbs_app *app, void *options, pbs_code (*work)(pbs_app *, voi
     catch_signals();
     rc = work(app, options, err);
     clear_progress(app);
+    if (!rc && app->progress_to >= 0) tell_progress(app, "done", 1, 0);
     if (!rc) rc = flush_stdout(err);
     return rc ? rc : write_stats(app, err);
 }
 
 int pbs_tool_main(int argc, char **argv, const pbs_tool *tool, void *options,
                   pbs_code (*work)(pbs_app *app, void *options, pbs_err *err)) {
-    pbs_app app = {.tool = tool, .start = now()};
+    pbs_app app = {.tool = tool, .start = now(), .progress_to = -1};
     pbs_err err = {0};
     pbs_code rc = pbs_cli_parse(tool, argc, argv, options, &app.common, &err);
     if (!rc) rc = run(&app, options, work, &err);
     free(app.stage);
+    if (app.progress_to >= 0) close(app.progress_to);
     if (rc) fprintf(stderr, "%s: %s\n", tool->name, err.text);
     return rc;
 }

@@ -18,7 +18,10 @@ typedef struct pbs_app {
     } stats[48];
     int stat_count;
     double start, drawn; /* seconds; when progress was last drawn */
+    const char *phase;   /* what is going on, since when, and how far it was then */
+    double phase_start, phase_share;
     bool progress_shown;
+    int progress_to; /* where PBS_PROGRESS says; -1: nowhere */
 } pbs_app;
 
 /* Parses, runs work and ends: returns the exit status. options holds the defaults. */

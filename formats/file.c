@@ -38,6 +38,7 @@ pbs_code pbs_input_open(pbs_run *run, const char *path, pbs_input *in, pbs_err *
     snprintf(in->name, sizeof in->name, "%s", standard ? "standard input" : path);
     in->fd = standard ? dup(0) : open(path, O_RDONLY | O_CLOEXEC);
     if (in->fd < 0) return open_failed(run, in->name, err);
+    if (!standard) pbs_run_opened(run, path);
     struct stat st;
     pbs_code rc = PBS_OK;
     if (fstat(in->fd, &st))

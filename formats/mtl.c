@@ -119,6 +119,7 @@ static pbs_code send_texture(pbs_mtl *m, const char *path, pbs_span name, uint32
                              pbs_err *err) {
     const uint8_t *bytes;
     size_t size;
+    pbs_run_opened(m->sink->run, path);
     pbs_code rc = pbs_map_file(path, &bytes, &size, err);
     if (rc) return rc;
     char label[PBS_NAME_MAX];
@@ -318,6 +319,7 @@ static pbs_code read_line(library *l, pbs_span line, pbs_err *err) {
 static pbs_code read_library(pbs_mtl *m, const char *path, pbs_err *err) {
     const uint8_t *bytes;
     size_t size;
+    pbs_run_opened(m->sink->run, path);
     pbs_code rc = pbs_map_file(path, &bytes, &size, err);
     if (rc) return rc;
     library l = {.mtl = m, .path = path};

@@ -30,6 +30,9 @@ typedef struct pbs_run {
     /* Called from any thread, at any rate; NULL: nobody looks. total 0: not known. */
     void (*progress)(void *ctx, const char *what, uint64_t done, uint64_t total);
     void *progress_ctx;
+    /* Called with the path of every file that is read, as it was opened; NULL: nobody asks. */
+    void (*opened)(void *ctx, const char *path);
+    void *opened_ctx;
 } pbs_run;
 
 /* count * size bytes, aligned to 64, not cleared. what names the array in the error: "the depth
@@ -63,6 +66,9 @@ size_t pbs_mem_left(const pbs_run *run);
 /* PBS_CANCEL if somebody asked to stop. Cheap; call it every few milliseconds of work. */
 pbs_code pbs_run_check(const pbs_run *run, pbs_err *err);
 void pbs_run_progress(const pbs_run *run, const char *what, uint64_t done, uint64_t total);
+static inline void pbs_run_opened(const pbs_run *run, const char *path) {
+    if (run->opened) run->opened(run->opened_ctx, path);
+}
 
 #ifdef __cplusplus
 }

@@ -68,10 +68,15 @@ bool reader::find_file(const std::string &uri, mapping &file) {
     std::string plain = percent_decode(uri), slashes = plain;
     for (char &c : slashes)
         if (c == '\\') c = '/';
-    if (file.open(folder_ + plain)) return true;
-    int first = errno;
-    if (plain != uri && file.open(folder_ + uri)) return true;
-    if (slashes != plain && slashes[0] != '/' && file.open(folder_ + slashes)) return true;
+    int first = 0;
+    for (const std::string &name : {plain, uri, slashes}) {
+        if (first && name[0] == '/') continue;
+        if (file.open(folder_ + name)) {
+            pbs_run_opened(run_, (folder_ + name).c_str());
+            return true;
+        }
+        if (!first) first = errno;
+    }
     errno = first;
     return false;
 }
