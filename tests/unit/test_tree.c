@@ -343,6 +343,13 @@ TEST(equal_parts_and_what_differs) {
     uint32_t p = put_pair(&m, "p", a, renamed, 3), q = put_pair(&m, "q", a, renamed, 3);
     CHECK(put_pair(&m, "p", a, renamed, 3) == p && put_pair(&m, "p", a, a, 3) != p &&
           put_pair(&m, "p", a, renamed, -3) != p);
+    uint32_t still, moving;
+    pbs_child c = {.node = a};
+    memcpy(c.m, PBS_IDENTITY, sizeof c.m);
+    must(m.s->assembly(m.s->ctx, "one", &c, 1, &still, &err), &err);
+    c.flags = PBS_CHILD_MOVES;
+    must(m.s->assembly(m.s->ctx, "one", &c, 1, &moving, &err), &err);
+    CHECK(still != moving);
     uint32_t both = put_pair(&m, "all", p, q, 50);
     pbs_scene s;
     pbs_scene_totals t = end_scene(&m, put_pair(&m, "top", both, none, 0), &s);
