@@ -629,4 +629,33 @@ TEST(groups_of_many) {
     }
 }
 
+/* A row of rows: the children that move stay children of the assembly, flags and names and all. */
+TEST(what_moves_is_kept_apart) {
+    enum { COUNT_OF_CHILDREN = 120 };
+    maker m = new_scene(NULL);
+    uint32_t part = put_shape(m.s, "part", 2), node;
+    pbs_child child[COUNT_OF_CHILDREN];
+    for (int i = 0; i < COUNT_OF_CHILDREN; i++) {
+        child[i] = (pbs_child){.node = part, .name = i % 50 ? NULL : "mover"};
+        memcpy(child[i].m, PBS_IDENTITY, sizeof child[i].m);
+        child[i].m[3] = 100.0 * i;
+        child[i].flags = i % 50 ? 0 : PBS_CHILD_MOVES;
+    }
+    must(m.s->assembly(m.s->ctx, "row", child, COUNT_OF_CHILDREN, &node, &err), &err);
+    pbs_scene s;
+    pbs_scene_totals t = end_scene(&m, node, &s);
+    const pbs_node *n = &s.nodes[s.node_count - 1];
+    int moving = 0;
+    for (uint32_t i = 0; i < n->child_count; i++) {
+        const pbs_child *c = &n->children[i];
+        if (!(c->flags & PBS_CHILD_MOVES)) continue;
+        CHECK(c->node == part && !strcmp(c->name, "mover") && c->m[3] == 5000.0 * moving);
+        moving++;
+    }
+    CHECK(moving == 3 && !strcmp(n->name, "row") && n->triangles == 200 * COUNT_OF_CHILDREN);
+    CHECK(t.groups >= 4 && t.groups == s.node_count - 2 && n->child_count < 20);
+    pbs_scene_close(&s);
+    CHECK(pbs_mem_used(&run) == 0);
+}
+
 TEST_MAIN
