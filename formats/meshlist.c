@@ -21,6 +21,13 @@ static pbs_code append(pbs_meshlist *l, const void *bytes, size_t n, pbs_err *er
     return PBS_OK;
 }
 
+/* In few steps: fresh memory costs more than what is copied to it. */
+static pbs_code reserve(pbs_meshlist *l, size_t need, pbs_err *err) {
+    size_t want = 4 * l->room < l->budget ? 4 * l->room : l->budget;
+    if (need <= l->room) return PBS_OK;
+    return pbs_grow(l->run, &l->bytes, &l->room, want > need ? want : need, 1, "a part", err);
+}
+
 /* A payload's pieces are digested one by one: they are cut in the same way for every -m. */
 pbs_code pbs_meshlist_add(void *list, uint32_t triangles, const pbs_piece *piece, int pieces,
                           pbs_err *err) {
@@ -32,7 +39,7 @@ pbs_code pbs_meshlist_add(void *list, uint32_t triangles, const pbs_piece *piece
     if (!l->spilled && l->used + size + pad > l->budget)
         rc = spill(l, err);
     else if (!l->spilled)
-        rc = pbs_grow(l->run, &l->bytes, &l->room, l->used + size + pad, 1, "a part", err);
+        rc = reserve(l, l->used + size + pad, err);
     for (int i = 0; i < pieces && !rc; i++) {
         pbs_digest_add(&l->digest, piece[i].bytes, piece[i].size);
         rc = append(l, piece[i].bytes, piece[i].size, err);

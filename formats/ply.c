@@ -48,41 +48,6 @@ typedef struct ply {
 
 /* ---- numbers ---- */
 
-static inline double load(const char *p, pbs_ply_type t, bool swap) {
-    uint8_t b1;
-    uint16_t b2;
-    uint32_t b4;
-    uint64_t b8;
-    float f;
-    double d;
-    switch (t) {
-    case PBS_PLY_I8:
-        memcpy(&b1, p, 1);
-        return (int8_t)b1;
-    case PBS_PLY_U8:
-        memcpy(&b1, p, 1);
-        return b1;
-    case PBS_PLY_I16:
-    case PBS_PLY_U16:
-        memcpy(&b2, p, 2);
-        b2 = swap ? __builtin_bswap16(b2) : b2;
-        return t == PBS_PLY_I16 ? (int16_t)b2 : b2;
-    case PBS_PLY_I32:
-    case PBS_PLY_U32:
-    case PBS_PLY_F32:
-        memcpy(&b4, p, 4);
-        b4 = swap ? __builtin_bswap32(b4) : b4;
-        if (t != PBS_PLY_F32) return t == PBS_PLY_I32 ? (double)(int32_t)b4 : (double)b4;
-        memcpy(&f, &b4, 4);
-        return f;
-    default:
-        memcpy(&b8, p, 8);
-        b8 = swap ? __builtin_bswap64(b8) : b8;
-        memcpy(&d, &b8, 8);
-        return d;
-    }
-}
-
 static const bool is_big_endian = __BYTE_ORDER__ == __ORDER_BIG_ENDIAN__;
 
 static size_t left(const ply *y) {
@@ -108,7 +73,7 @@ static inline pbs_code next(ply *y, pbs_ply_type t, double *v, pbs_err *err) {
         return PBS_OK;
     }
     if (left(y) < pbs_ply_size(t)) return too_short(y, err);
-    *v = load(y->p, t, y->header.big_endian != is_big_endian);
+    *v = pbs_ply_load(y->p, t, y->header.big_endian != is_big_endian);
     y->p += pbs_ply_size(t);
     return PBS_OK;
 }
@@ -266,7 +231,7 @@ static inline void position_of(const ply *y, const char *record, double v[3]) {
         for (int k = 0; k < 3; k++) v[k] = f[k];
     } else {
         for (int k = 0; k < 3; k++)
-            v[k] = load(record + y->field[k].offset, y->field[k].type, y->swap);
+            v[k] = pbs_ply_load(record + y->field[k].offset, y->field[k].type, y->swap);
     }
 }
 
@@ -281,7 +246,7 @@ static pbs_code survey(ply *y, pbs_err *err) {
         position_of(y, record, v);
         if ((v[0] + v[1] + v[2]) * 0 == 0) pbs_box_add(&y->box, v);
         for (int k = 0; k < 3 && floats; k++)
-            if (load(record + red[k].offset, red[k].type, y->swap) > 2)
+            if (pbs_ply_load(record + red[k].offset, red[k].type, y->swap) > 2)
                 floats = false, y->colour_scale = 1 / 255.0;
         if (i % PBS_CHECK_EVERY) continue;
         pbs_trim_now(&y->trim);
@@ -293,6 +258,15 @@ static pbs_code survey(ply *y, pbs_err *err) {
 
 static double scale_of(pbs_ply_type t) {
     return t >= PBS_PLY_F32 ? 1 : t == PBS_PLY_U16 ? 1 / 65535.0 : 1 / 255.0;
+}
+
+/* The vertices are given back only if giving back what is around them is not enough. */
+static void trim_apart(ply *y) {
+    if (!y->faces.sink->mapped) return;
+    pbs_trim_drop(&y->trim, y->file);
+    pbs_trim_add(&y->trim, y->p, left(y));
+    pbs_trim_add(&y->trim, y->file, (size_t)(y->record - y->file));
+    pbs_trim_add(&y->trim, y->record, (size_t)(y->p - y->record));
 }
 
 static pbs_code read_vertices(ply *y, const pbs_ply_element *e, pbs_err *err) {
@@ -307,6 +281,7 @@ static pbs_code read_vertices(ply *y, const pbs_ply_element *e, pbs_err *err) {
         y->stride = e->least;
         y->swap = y->header.big_endian != is_big_endian;
         y->p += e->count * e->least;
+        trim_apart(y);
     } else if ((rc = pack(y, e, err))) {
         return rc;
     }
@@ -319,7 +294,7 @@ static pbs_code read_vertices(ply *y, const pbs_ply_element *e, pbs_err *err) {
 
 static uint8_t colour_of(const ply *y, const char *record, pbs_ply_role r) {
     const field *f = &y->field[r];
-    double v = load(record + f->offset, f->type, y->swap);
+    double v = pbs_ply_load(record + f->offset, f->type, y->swap);
     return f->type == PBS_PLY_U8 ? (uint8_t)v : pbs_unorm8((float)(v * y->colour_scale));
 }
 
@@ -330,10 +305,11 @@ static void fetch(const ply *y, uint64_t i, pbs_corner *c) {
     position_of(y, record, c->position);
     for (int k = 0; k < 3 && y->attributes & PBS_CORNER_NORMAL; k++)
         c->normal[k] =
-            (float)load(record + f[PBS_PLY_NX + k].offset, f[PBS_PLY_NX + k].type, y->swap);
+            (float)pbs_ply_load(record + f[PBS_PLY_NX + k].offset, f[PBS_PLY_NX + k].type, y->swap);
     if (y->attributes & PBS_CORNER_UV && has(y, PBS_PLY_S, 2)) {
-        c->uv[0] = (float)load(record + f[PBS_PLY_S].offset, f[PBS_PLY_S].type, y->swap);
-        c->uv[1] = 1 - (float)load(record + f[PBS_PLY_T].offset, f[PBS_PLY_T].type, y->swap);
+        c->uv[0] = (float)pbs_ply_load(record + f[PBS_PLY_S].offset, f[PBS_PLY_S].type, y->swap);
+        c->uv[1] =
+            1 - (float)pbs_ply_load(record + f[PBS_PLY_T].offset, f[PBS_PLY_T].type, y->swap);
     }
     if (!(y->attributes & PBS_CORNER_COLOUR)) return;
     memcpy(c->colour, y->colour, 4);

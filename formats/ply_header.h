@@ -4,6 +4,7 @@
 
 #include "formats/text.h"
 #include "libcore/run.h"
+#include <string.h>
 
 typedef enum pbs_ply_type {
     PBS_PLY_I8,
@@ -82,4 +83,40 @@ bool pbs_ply_is_strip(const pbs_ply_element *e);
 
 /* PBS_DATA for a file that cannot hold triangles: no faces, or no vertices. */
 pbs_code pbs_ply_check_header(const pbs_ply_header *h, pbs_err *err);
+
+/* A number of the file. swap: its bytes are in the other order than the machine's. */
+static inline double pbs_ply_load(const char *p, pbs_ply_type t, bool swap) {
+    uint8_t b1;
+    uint16_t b2;
+    uint32_t b4;
+    uint64_t b8;
+    float f;
+    double d;
+    switch (t) {
+    case PBS_PLY_I8:
+        memcpy(&b1, p, 1);
+        return (int8_t)b1;
+    case PBS_PLY_U8:
+        memcpy(&b1, p, 1);
+        return b1;
+    case PBS_PLY_I16:
+    case PBS_PLY_U16:
+        memcpy(&b2, p, 2);
+        b2 = swap ? __builtin_bswap16(b2) : b2;
+        return t == PBS_PLY_I16 ? (int16_t)b2 : b2;
+    case PBS_PLY_I32:
+    case PBS_PLY_U32:
+    case PBS_PLY_F32:
+        memcpy(&b4, p, 4);
+        b4 = swap ? __builtin_bswap32(b4) : b4;
+        if (t != PBS_PLY_F32) return t == PBS_PLY_I32 ? (double)(int32_t)b4 : (double)b4;
+        memcpy(&f, &b4, 4);
+        return f;
+    default:
+        memcpy(&b8, p, 8);
+        b8 = swap ? __builtin_bswap64(b8) : b8;
+        memcpy(&d, &b8, 8);
+        return d;
+    }
+}
 #endif

@@ -276,8 +276,9 @@ static pbs_code make_group(void *ctx, const uint32_t *ref, size_t n, pbs_err *er
                            "groups of children", err);
     if (!rc) rc = gather(g, ref, n, &child, err);
     if (rc) return rc;
+    size_t before = s->known.count;
     rc = put_assembly(s, "", child, n, false, &g->group[g->groups++], err);
-    s->totals.groups++;
+    s->totals.groups += s->known.count - before;
     pbs_free(s->run, child);
     return rc;
 }

@@ -3,6 +3,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <stdio.h>
+#include <stdint.h>
 #include <string.h>
 #include <sys/mman.h>
 #include <unistd.h>
@@ -40,10 +41,19 @@ void pbs_trim_drop(pbs_trim *t, const void *bytes) {
         if (t->range[i].bytes == bytes) t->range[i--] = t->range[--t->count];
 }
 
+static void give_back(const void *bytes, size_t size) {
+    const uintptr_t page = (uintptr_t)sysconf(_SC_PAGESIZE), end = (uintptr_t)bytes + size;
+    uintptr_t from = ((uintptr_t)bytes + page - 1) / page * page;
+    if (from < end) madvise((void *)from, end - from, MADV_DONTNEED);
+}
+
 void pbs_trim_now(const pbs_trim *t) {
-    if (!t->count || (t->statm >= 0 && held(t) <= t->limit)) return;
-    for (int i = 0; i < t->count; i++)
-        madvise((void *)t->range[i].bytes, t->range[i].size, MADV_DONTNEED);
+    size_t enough = t->limit - t->limit / 16, now = held(t);
+    if (now && now <= t->limit) return;
+    for (int i = 0; i < t->count && (!now || now > enough); i++) {
+        give_back(t->range[i].bytes, t->range[i].size);
+        if (now) now = held(t);
+    }
 }
 
 void pbs_trim_close(pbs_trim *t) {

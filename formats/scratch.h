@@ -25,13 +25,15 @@ typedef struct pbs_trim {
 
 /* The limit is half of what run's leaves. */
 void pbs_trim_open(const pbs_run *run, pbs_trim *t);
-/* bytes must be a map of a file, never other memory, which would be lost; NULL is left out, and so
- * is what has no place in the table. */
+/* What is read in order comes before what is read at random: it is given back first, which may do.
+ * bytes must be in the map of a file, never other memory, which would be lost; NULL is left out,
+ * and so is what has no place in the table. */
 void pbs_trim_add(pbs_trim *t, const void *bytes, size_t size);
 /* Before the map goes. */
 void pbs_trim_drop(pbs_trim *t, const void *bytes);
-/* Gives back all pages of all ranges if more than the limit are held. About a microsecond: call it
- * every few hundred places that are read at random, or every megabyte that is read in order. */
+/* Gives back the pages of one range after the other while more than the limit are held. About a
+ * microsecond: call it every few hundred places that are read at random, or every megabyte that is
+ * read in order. */
 void pbs_trim_now(const pbs_trim *t);
 void pbs_trim_close(pbs_trim *t);
 

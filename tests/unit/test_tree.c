@@ -1,7 +1,6 @@
 /* What becomes of parts and assemblies on their way into a scene stream: split, grouped, made one
  * with equal ones. Whatever happens, every placed triangle stays where it was, under its path of
  * names; the same bytes come out for any limit of memory. */
-#include "formats/group.h"
 #include "formats/meshbuild.h"
 #include "tests/unit/support.h"
 #include "tests/check.h"
@@ -343,6 +342,13 @@ TEST(equal_parts_and_what_differs) {
     uint32_t p = put_pair(&m, "p", a, renamed, 3), q = put_pair(&m, "q", a, renamed, 3);
     CHECK(put_pair(&m, "p", a, renamed, 3) == p && put_pair(&m, "p", a, a, 3) != p &&
           put_pair(&m, "p", a, renamed, -3) != p);
+    uint32_t still, moving;
+    pbs_child c = {.node = a};
+    memcpy(c.m, PBS_IDENTITY, sizeof c.m);
+    must(m.s->assembly(m.s->ctx, "one", &c, 1, &still, &err), &err);
+    c.flags = PBS_CHILD_MOVES;
+    must(m.s->assembly(m.s->ctx, "one", &c, 1, &moving, &err), &err);
+    CHECK(still != moving);
     uint32_t both = put_pair(&m, "all", p, q, 50);
     pbs_scene s;
     pbs_scene_totals t = end_scene(&m, put_pair(&m, "top", both, none, 0), &s);
@@ -518,108 +524,33 @@ TEST(a_part_larger_than_memory) {
 
 /* ---- grouping ---- */
 
-typedef struct group_test {
-    pbs_group_item item[4000];
-    uint32_t count, groups;
-    uint64_t triangles[4000]; /* of groups */
-    uint32_t items[4000], most;
-    bool seen[8000], wrong;
-} group_test;
-
-static pbs_code note_group(void *ctx, const uint32_t *ref, size_t n, pbs_err *e) {
-    group_test *t = ctx;
-    (void)e;
-    t->wrong |= n < 2;
-    t->most = n > t->most ? (uint32_t)n : t->most;
-    t->triangles[t->groups] = t->items[t->groups] = 0;
-    for (size_t i = 0; i < n; i++) {
-        bool item = ref[i] < t->count;
-        t->wrong |= t->seen[ref[i]] || (i && ref[i] <= ref[i - 1]);
-        t->wrong |= ref[i] >= t->count + t->groups;
-        t->seen[ref[i]] = true;
-        t->wrong |= item && (t->item[ref[i]].apart || pbs_box_is_empty(&t->item[ref[i]].box));
-        t->triangles[t->groups] +=
-            item ? t->item[ref[i]].triangles : t->triangles[ref[i] - t->count];
-        t->items[t->groups] += item ? 1 : t->items[ref[i] - t->count];
+/* A row of rows: the children that move stay children of the assembly, flags and names and all. */
+TEST(what_moves_is_kept_apart) {
+    enum { COUNT_OF_CHILDREN = 120 };
+    maker m = new_scene(NULL);
+    uint32_t part = put_shape(m.s, "part", 6), node;
+    pbs_child child[COUNT_OF_CHILDREN];
+    for (int i = 0; i < COUNT_OF_CHILDREN; i++) {
+        child[i] = (pbs_child){.node = part, .name = i % 50 ? NULL : "mover"};
+        memcpy(child[i].m, PBS_IDENTITY, sizeof child[i].m);
+        child[i].m[3] = 100.0 * i;
+        child[i].flags = i % 50 ? 0 : PBS_CHILD_MOVES;
     }
-    t->wrong |= t->triangles[t->groups] < 1000 || t->items[t->groups] <= 8;
-    t->groups++;
-    return PBS_OK;
-}
-
-static size_t group_them(group_test *t, uint64_t limit) {
-    pbs_grouping g = {t->item, t->count, limit, t, note_group};
-    uint32_t *top;
-    size_t n;
-    t->groups = t->most = 0, t->wrong = false;
-    memset(t->seen, 0, sizeof t->seen);
-    must(pbs_group(&run, &g, &top, &n, &err), &err);
-    for (size_t i = 0; i < n; i++) {
-        t->wrong |= t->seen[top[i]] || (i && top[i] <= top[i - 1]);
-        t->seen[top[i]] = true;
+    must(m.s->assembly(m.s->ctx, "row", child, COUNT_OF_CHILDREN, &node, &err), &err);
+    pbs_scene s;
+    pbs_scene_totals t = end_scene(&m, node, &s);
+    const pbs_node *n = &s.nodes[s.node_count - 1];
+    int moving = 0;
+    for (uint32_t i = 0; i < n->child_count; i++) {
+        const pbs_child *c = &n->children[i];
+        if (!(c->flags & PBS_CHILD_MOVES)) continue;
+        CHECK(c->node == part && !strcmp(c->name, "mover") && c->m[3] == 5000.0 * moving);
+        moving++;
     }
-    for (uint32_t i = 0; i < t->count + t->groups; i++) t->wrong |= !t->seen[i];
-    for (uint32_t i = 0, k = 0; i < t->count; i++) {
-        bool stays = t->item[i].apart || pbs_box_is_empty(&t->item[i].box);
-        while (k < n && top[k] < i) k++;
-        t->wrong |= stays && (k == n || top[k] != i);
-    }
-    CHECK(!t->wrong);
-    pbs_free(&run, top);
+    CHECK(moving == 3 && !strcmp(n->name, "row") && n->triangles == 900 * COUNT_OF_CHILDREN);
+    CHECK(t.groups >= 4 && t.groups == s.node_count - 2 && n->child_count < 20);
+    pbs_scene_close(&s);
     CHECK(pbs_mem_used(&run) == 0);
-    return n;
-}
-
-static void put_item(group_test *t, const double at[3], double size, uint64_t triangles) {
-    pbs_group_item *item = &t->item[t->count++];
-    memset(item, 0, sizeof *item);
-    for (int k = 0; k < 3; k++)
-        item->box.min[k] = at[k] - size / 2, item->box.max[k] = at[k] + size / 2;
-    item->triangles = triangles;
-}
-
-static group_test gt;
-
-/* Eight clusters in the corners of a cube; what they hold decides whether each is a group. */
-TEST(clusters_become_groups) {
-    uint64_t seed = 5;
-    gt.count = 0;
-    put_item(&gt, (double[3]){50, 50, 50}, 60, 100000); /* larger than half the cell */
-    for (int c = 0; c < 8; c++) {
-        int items = c == 1 ? 8 : 30;
-        for (int i = 0; i < items; i++) {
-            double at[3];
-            for (int k = 0; k < 3; k++) at[k] = (c >> k & 1) * 90 + 10 * noise(&seed);
-            put_item(&gt, at, 1, c == 1 ? 1000 : c == 2 ? 33 : 100);
-        }
-    }
-    gt.item[100].apart = true;
-    gt.item[150].box = PBS_BOX_EMPTY;
-    CHECK(group_them(&gt, 32) == 1 + 8 + 30 + 6 + 2 && gt.groups == 6);
-    CHECK(group_them(&gt, 1000) == gt.count && gt.groups == 0);
-}
-
-TEST(groups_of_many) {
-    uint64_t seed = 9;
-    for (int kind = 0; kind < 4; kind++) {
-        gt.count = 0;
-        while (gt.count < 4000) {
-            double at[3];
-            for (int k = 0; k < 3; k++) {
-                at[k] = noise(&seed);
-                if (kind == 1) at[k] = exp(40 * at[k]);           /* clustered */
-                if (kind == 2) at[k] = k ? 1e300 : 1e300 * at[k]; /* flat, and large */
-                if (kind == 3) at[k] = 7;
-            }
-            put_item(&gt, at, kind == 2 ? 1e297 : 0.01, random_bits(&seed) % 500);
-            gt.item[gt.count - 1].apart = random_bits(&seed) % 100 == 0;
-        }
-        gt.item[7].box.max[1] = INFINITY, gt.item[8].box.min[0] = NAN;
-        size_t top = group_them(&gt, 32);
-        CHECK_NUM(kind == 3 || (gt.groups > 20 && top < 300 && gt.most < 300), top);
-        CHECK_NUM(kind != 0 || gt.most <= 72, gt.most);
-        CHECK_NUM(kind != 3 || gt.groups == 0, gt.groups);
-    }
 }
 
 TEST_MAIN
