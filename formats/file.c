@@ -235,16 +235,26 @@ pbs_code pbs_output_open(pbs_run *run, const char *path, pbs_output *out, pbs_er
     return rc;
 }
 
+/* Never has a name where the file system can do that: somebody may kill us at any moment. */
+static int open_spool(const char *dir) {
+    char path[4096];
+#ifdef O_TMPFILE
+    int fd = open(dir, O_TMPFILE | O_RDWR | O_CLOEXEC, 0600);
+    if (fd >= 0) return fd;
+#endif
+    snprintf(path, sizeof path, "%s/pbs-XXXXXX", dir);
+    int named = mkostemp(path, O_CLOEXEC);
+    if (named >= 0) unlink(path);
+    return named;
+}
+
 pbs_code pbs_output_spool(pbs_run *run, pbs_output *out, pbs_err *err) {
     memset(out, 0, sizeof *out);
     const char *dir = getenv("TMPDIR");
     if (!dir || !*dir) dir = "/tmp";
     snprintf(out->name, sizeof out->name, "temporary file in %s", dir);
-    char path[4096];
-    snprintf(path, sizeof path, "%s/pbs-XXXXXX", dir);
-    out->fd = mkostemp(path, O_CLOEXEC);
+    out->fd = open_spool(dir);
     if (out->fd < 0) return pbs_fail_errno(err, "%s", out->name);
-    unlink(path);
     out->seekable = true;
     pbs_code rc = take_buffer(run, out, err);
     if (rc) pbs_output_close(out);
