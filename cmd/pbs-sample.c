@@ -93,8 +93,10 @@ static void add_totals(job *j, const pbs_sample_result *r, const pbs_points *sur
     j->total_out += r->count;
     j->duplicates += r->duplicates;
     j->invalid += r->invalid;
-    j->covering = fmax(j->covering, r->covering);
-    j->median = fmax(j->median, even->median);
+    /* Of the last node, which is the root or what it is a wrapper of. */
+    j->covering = r->covering;
+    j->median = even->median;
+    j->min_spacing = NAN;
     for (size_t i = 1; i < surfels->count; i++)
         if (!(j->min_spacing <= surfels->spacing[i])) j->min_spacing = surfels->spacing[i];
 }
@@ -363,7 +365,7 @@ static void add_stats(job *j) {
     pbs_stat_count(app, "candidates_coincident", j->duplicates);
     pbs_stat_count(app, "candidates_invalid", j->invalid);
     pbs_stat_real(app, "covering_radius", j->covering);
-    pbs_stat_real(app, "min_spacing", j->total_out > j->sampled ? j->min_spacing : 0);
+    pbs_stat_real(app, "min_spacing", isfinite(j->min_spacing) ? j->min_spacing : 0);
     pbs_stat_real(app, "median_spacing_1000", j->median);
     pbs_stat_count(app, "bytes", pbs_writer_bytes(j->w));
     if (j->invalid)

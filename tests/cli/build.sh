@@ -59,7 +59,7 @@ status pbs-build
 PATH=/usr/bin:/bin status sh "$(command -v pbs-build)" --version | sed 's/[0-9.]*$/N/'
 # A stage that is killed from outside.
 scene fine.obj sphere n=200
-pbs-build -q --count 1M -r 3500 fine.obj -o out/x.pbs & 
+pbs-build -q --count 1M -r 2500 fine.obj -o out/x.pbs & 
 build=$!
 for _ in $(seq 100); do victim=$(ps -o pid=,comm= --ppid $build | sed -n 's/ pbs-gbuffer$//p'); [ -z "$victim" ] || break; sleep 0.05; done
 kill -KILL $victim
@@ -67,7 +67,7 @@ wait $build
 echo "status $?"
 # Signals: everything stops, nothing stays.
 for sig in INT TERM HUP; do
-    env --default-signal=INT pbs-build -q --count 1M -r 3500 fine.obj a.obj -o out/x.pbs &
+    env --default-signal=INT pbs-build -q --count 1M -r 2500 fine.obj a.obj -o out/x.pbs &
     build=$!
     sleep 0.5
     kids=$(ps -o pid= --ppid $build)
