@@ -151,9 +151,8 @@ static int32_t clamp(float v, int32_t most) {
 static void put_disc(const aim *a, float *depth, const spot *s) {
     float r = (float)a->radius, push = r + (float)PUSH;
     float nz = fabsf(s->n[2]) > (float)STEEP ? s->n[2] : copysignf((float)STEEP, s->n[2]);
-    float gx = -s->n[0] / nz, gy = -s->n[1] / nz;
-    float wide = r * sqrtf(fmaxf(0, 1 - s->n[0] * s->n[0]));
-    float high = r * sqrtf(fmaxf(0, 1 - s->n[1] * s->n[1]));
+    float gx = -s->n[0] / nz, gy = -s->n[1] / nz, g = 1 + gx * gx + gy * gy;
+    float wide = r * sqrtf((1 + gy * gy) / g), high = r * sqrtf((1 + gx * gx) / g);
     int32_t x0 = clamp(s->x - wide, a->width - 1), x1 = clamp(s->x + wide, a->width - 1);
     int32_t y0 = clamp(s->y - high, a->height - 1), y1 = clamp(s->y + high, a->height - 1);
     for (int32_t y = y0; y <= y1; y++)
