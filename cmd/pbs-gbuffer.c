@@ -154,7 +154,7 @@ static pbs_code take_node(job *j, pbs_err *err) {
         if (!j->o->keep_going || j->written) return rc;
         pbs_note(j->app, "left out: %s", err->text);
         j->failed++;
-        plan->wanted = 0;
+        plan->wanted = plan->flags = 0;
     }
     j->drawn += plan->wanted != 0;
     return write_node(j, err);

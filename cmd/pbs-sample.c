@@ -62,8 +62,8 @@ typedef struct job {
     pbs_record in, out;
     pbs_points candidates; /* of the node that is being read */
     size_t cap;
-    pbs_node *nodes; /* so far, without names */
-    uint64_t *used;  /* nodes with surfels below each of them, itself included */
+    pbs_node *nodes; /* so far */
+    uint64_t *used;  /* of each of them, as for pbs_plan_below */
     size_t node_count, nodes_cap, used_cap;
     pbs_keep *keep; /* NULL until a node asks for it */
     pbs_below *below;
@@ -229,8 +229,11 @@ static pbs_code note_node(job *j, const pbs_node *node, pbs_err *err) {
     if (!rc) rc = pbs_grow(run, &j->used, &j->used_cap, n, sizeof *j->used, "the nodes", err);
     if (rc) return rc;
     uint64_t used = node->wanted != 0;
-    for (uint32_t i = 0; i < node->child_count; i++)
-        if (__builtin_add_overflow(used, j->used[node->children[i].node], &used)) used = UINT64_MAX;
+    for (uint32_t i = 0; i < node->child_count; i++) {
+        const pbs_child *c = &node->children[i];
+        if (c->flags & PBS_CHILD_MOVES) continue;
+        if (__builtin_add_overflow(used, j->used[c->node], &used)) used = UINT64_MAX;
+    }
     j->used[j->node_count] = used;
     j->nodes[j->node_count++] = *node;
     return PBS_OK;
@@ -258,8 +261,10 @@ static pbs_code take_node(job *j, const char *name, const pbs_chunk *c, pbs_err 
     rc = add_below(j, &node, err);
     if (!rc && j->candidates.count)
         rc = sample_node(j, &node, err);
-    else if (!rc)
+    else if (!rc) {
+        node.flags = 0;
         rc = pbs_node_write(&j->app->run, j->w, &node, err);
+    }
     return rc;
 }
 

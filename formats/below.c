@@ -134,16 +134,39 @@ static pbs_code take_all(pbs_below *b, const pbs_cloud *own, uint32_t channels, 
 
 /* ---- the views of the node ---- */
 
-static pbs_code plan_views(const pbs_node *n, pbs_views *views, pbs_err *err) {
-    pbs_gbuffer_params p = {.resolution = 2, .box = n->box};
-    for (int k = 0; k < 3; k++) p.box.min[k] -= n->origin[k], p.box.max[k] -= n->origin[k];
+/* What the candidates and surfels take up, within the node's box: that has what moves in it too,
+ * which may be far away. */
+static pbs_box box_of(const pbs_below *b, const pbs_node *n, const pbs_points *points) {
+    pbs_box box = PBS_BOX_EMPTY;
+    for (size_t i = 0; i < points->count; i++) {
+        const float *f = points->position + 3 * i;
+        double p[3] = {f[0], f[1], f[2]};
+        if (isfinite(p[0]) && isfinite(p[1]) && isfinite(p[2])) pbs_box_add(&box, p);
+    }
+    for (size_t i = 0; i < b->count; i++) {
+        pbs_box own = pbs_keep_box(b->keep, b->placings[i].node);
+        pbs_box placed = pbs_xform_box(b->placings[i].m, &own);
+        pbs_box_add(&box, placed.min);
+        pbs_box_add(&box, placed.max);
+    }
+    for (int k = 0; k < 3; k++) {
+        box.min[k] = fmax(box.min[k], n->box.min[k] - n->origin[k]);
+        box.max[k] = fmin(box.max[k], n->box.max[k] - n->origin[k]);
+    }
+    return box;
+}
+
+static pbs_code plan_views(const pbs_below *b, const pbs_node *n, const pbs_points *points,
+                           pbs_views *views, pbs_err *err) {
+    pbs_gbuffer_params p = {.resolution = 2, .box = box_of(b, n, points)};
     if (n->flags & PBS_NODE_CORNERS || !(n->flags & PBS_NODE_FACES)) {
         memcpy(p.direction, PBS_GBUFFER_CORNERS, sizeof PBS_GBUFFER_CORNERS);
         p.pairs = 4;
     }
     for (int k = 0; k < 3 && n->flags & PBS_NODE_FACES; k++) p.direction[p.pairs++][k] = 1;
-    pbs_code rc = pbs_views_plan(&p, views, err); /* one pixel is the longest side now */
-    if (rc) return rc;
+    /* One pixel is the longest side now. */
+    if (!(n->pixel > 0) || pbs_views_plan(&p, views, NULL))
+        return pbs_fail(err, PBS_DATA, "node %u: its box or its pixel is damaged", n->id);
     double r = ceil(views->pixel / n->pixel * (1 - 1e-9)) + 1;
     p.resolution = (uint32_t)fmin(fmax(r, 2), PBS_GBUFFER_MAX_SIZE);
     return pbs_views_plan(&p, views, err);
@@ -157,9 +180,10 @@ pbs_code pbs_below_add(pbs_below *b, const pbs_node *nodes, const uint64_t *used
     size_t merged_cap = 0;
     b->nodes = nodes;
     b->splats = 0;
-    pbs_code rc = plan_views(&nodes[node], &views, err);
+    pbs_code rc = list_placings(b, used, node, err);
+    if (rc || (!b->count && !points->count)) return rc;
+    rc = plan_views(b, &nodes[node], points, &views, err);
     if (!rc) rc = pbs_visible_begin(b->visible, &views, err);
-    if (!rc) rc = list_placings(b, used, node, err);
     pbs_cloud own = {.points = points, .count = points->count};
     memcpy(own.m, PBS_IDENTITY, sizeof own.m);
     if (!rc) rc = splat_all(b, &own, err);

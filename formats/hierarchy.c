@@ -16,22 +16,43 @@ typedef struct maker {
     bool top_down;
     pbs_plan *plan;
     bool *top;
-    pbs_box *own;        /* of each node's own vertices */
-    uint64_t *vertices;  /* placed below each node */
-    uint64_t *triangles; /* below each node, without what moves */
+    bool *moves;         /* something below each node does */
+    pbs_box *still;      /* of what does not; at first of the node's own vertices */
+    uint64_t *vertices;  /* placed below each node, without what moves */
+    uint64_t *triangles; /* likewise */
 } maker;
 
-static uint64_t own_meshes(const void *ctx, uint32_t node) {
-    const pbs_scene *s = ctx;
+static uint64_t own_meshes(const pbs_scene *s, size_t node) {
     return s->first_mesh[node + 1] - s->first_mesh[node];
 }
 
-static uint64_t own_vertices(const void *ctx, uint32_t node) {
-    const pbs_scene *s = ctx;
+static uint64_t own_vertices(const pbs_scene *s, size_t node) {
     uint64_t n = 0;
     for (size_t i = s->first_mesh[node]; i < s->first_mesh[node + 1]; i++)
         n += s->meshes[i].vertices;
     return n;
+}
+
+static uint64_t own_triangles(const pbs_scene *s, size_t node) {
+    uint64_t n = 0;
+    for (size_t i = s->first_mesh[node]; i < s->first_mesh[node + 1]; i++)
+        n += s->meshes[i].triangles;
+    return n;
+}
+
+/* How many are placed below each node, without what moves: a walk that leaves out subtrees with
+ * none of them ends even if 64 levels of two equal children each place 2^64 nodes that only have
+ * something that moves. */
+static void count(const pbs_scene *s, uint64_t (*own)(const pbs_scene *s, size_t node),
+                  uint64_t *n) {
+    for (size_t i = 0; i < s->node_count; i++) {
+        n[i] = own(s, i);
+        for (uint32_t j = 0; j < s->nodes[i].child_count; j++) {
+            const pbs_child *c = &s->nodes[i].children[j];
+            if (c->flags & PBS_CHILD_MOVES) continue;
+            if (__builtin_add_overflow(n[i], n[c->node], &n[i])) n[i] = UINT64_MAX;
+        }
+    }
 }
 
 static void to_part(double out[12], const double m[12], const double origin[3]) {
@@ -47,22 +68,7 @@ static void add_box(pbs_box *to, const pbs_box *b) {
     pbs_box_add(to, b->max);
 }
 
-/* ---- who is a top, and how many triangles ---- */
-
-static void count_triangles(maker *k) {
-    const pbs_scene *s = k->s;
-    for (size_t i = 0; i < s->node_count; i++) {
-        uint64_t n = 0;
-        for (size_t j = s->first_mesh[i]; j < s->first_mesh[i + 1]; j++)
-            n += s->meshes[j].triangles;
-        for (uint32_t j = 0; j < s->nodes[i].child_count; j++) {
-            const pbs_child *c = &s->nodes[i].children[j];
-            if (c->flags & PBS_CHILD_MOVES) continue;
-            if (__builtin_add_overflow(n, k->triangles[c->node], &n)) n = UINT64_MAX;
-        }
-        k->triangles[i] = n;
-    }
-}
+/* ---- who is a top ---- */
 
 /* The one child that is all there is to see of a node, or NULL. */
 static const pbs_child *only_child(const maker *k, uint32_t node) {
@@ -102,14 +108,14 @@ static pbs_code measure_parts(maker *k, pbs_err *err) {
     for (size_t i = 0; i < s->node_count; i++) {
         pbs_code rc = i % 256 ? PBS_OK : pbs_run_check(s->run, err);
         if (rc) return rc;
-        k->own[i] = PBS_BOX_EMPTY;
+        k->still[i] = PBS_BOX_EMPTY;
         for (size_t j = s->first_mesh[i]; j < s->first_mesh[i + 1]; j++) {
             const pbs_mesh *mesh = &s->meshes[j];
             for (uint32_t v = 0; v < mesh->vertices; v++) {
                 double p[3];
                 for (int a = 0; a < 3; a++)
                     p[a] = s->nodes[i].origin[a] + mesh->position[3 * v + (uint32_t)a];
-                pbs_box_add(&k->own[i], p);
+                pbs_box_add(&k->still[i], p);
             }
         }
     }
@@ -144,19 +150,26 @@ static pbs_code add_vertices(void *ctx, uint32_t node, const double m[12], uint3
 static pbs_code measure(maker *k, uint32_t node, pbs_err *err) {
     pbs_planned *p = &k->plan->nodes[node];
     const pbs_node *n = &k->s->nodes[node];
-    p->seen = p->box = k->own[node];
+    pbs_box *still = &k->still[node];
+    pbs_code rc = PBS_OK;
+    p->box = *still;
+    k->moves[node] = false;
     for (uint32_t j = 0; j < n->child_count; j++) {
         const pbs_child *c = &n->children[j];
+        bool moves = c->flags & PBS_CHILD_MOVES;
         pbs_box b = pbs_xform_box(c->m, &k->plan->nodes[c->node].box);
         add_box(&p->box, &b);
-        if (!(c->flags & PBS_CHILD_MOVES)) add_box(&p->seen, &b);
+        b = pbs_xform_box(c->m, &k->still[c->node]);
+        if (!moves) add_box(still, &b);
+        k->moves[node] |= moves || k->moves[c->node];
     }
-    if (!p->wanted || !n->child_count || k->vertices[node] > EXACT_VERTICES) return PBS_OK;
-    bool all = !memcmp(&p->seen, &p->box, sizeof p->box);
-    exact e = {k, &p->seen};
-    p->seen = PBS_BOX_EMPTY;
-    pbs_code rc = pbs_dag_walk(k->s->run, k->s->nodes, node + 1, add_vertices, &e, err);
-    if (all) p->box = p->seen;
+    if (p->wanted && n->child_count && k->vertices[node] <= EXACT_VERTICES) {
+        exact e = {k, still};
+        *still = PBS_BOX_EMPTY;
+        rc = pbs_dag_walk(k->s->run, k->s->nodes, node + 1, add_vertices, &e, err);
+    }
+    p->seen = *still;
+    if (!k->moves[node]) p->box = *still;
     return rc;
 }
 
@@ -175,7 +188,7 @@ static pbs_code plan_views(maker *k, uint32_t node, pbs_err *err) {
         return PBS_OK;
     }
     for (int a = 0; a < 3; a++) {
-        if (!isfinite(p->seen.max[a] - p->seen.min[a]))
+        if (!(p->seen.max[a] - p->seen.min[a] < 1e300)) /* that of views.h */
             return no_box(k, node, "transforms blow it up beyond all numbers", err);
         p->origin[a] = p->seen.min[a] / 2 + p->seen.max[a] / 2;
         p->seen.min[a] -= p->origin[a];
@@ -196,40 +209,53 @@ typedef struct look {
     const pbs_scene *s;
     uint32_t node;
     double from[3];
-    /* for marking */
-    bool below;
-    /* for drawing */
+    bool below; /* for marking: something is fine */
     pbs_draw **draws;
     size_t *cap, count;
     uint64_t triangles;
 } look;
 
-/* Whether the surfels of a placed node stand for it. */
+/* Whether the surfels of a placed node could stand for it. */
+static bool is_fine(const look *l, uint32_t node, const double m[12]) {
+    const pbs_planned *p = &l->plan->nodes[node];
+    return node != l->node && p->wanted && pbs_lod_fine(p->pixel, m, l->plan->nodes[l->node].pixel);
+}
+
+/* Whether they do. They always do if they can, unless a node between the two was left out since it
+ * failed: what was to be seen through it is not marked as used. */
 static bool stands(const look *l, uint32_t node, const double m[12]) {
-    const pbs_planned *p = &l->plan->nodes[node], *top = &l->plan->nodes[l->node];
-    return node != l->node && p->wanted && top->flags & PBS_NODE_BELOW &&
-           pbs_lod_fine(p->pixel, m, top->pixel);
+    return l->plan->nodes[l->node].flags & PBS_NODE_BELOW &&
+           l->plan->nodes[node].flags & PBS_NODE_USED && is_fine(l, node, m);
+}
+
+static pbs_code too_many(const look *l, pbs_err *err) {
+    return pbs_fail(err, PBS_DATA, "%s: node %u \"%s\": more than 2^32 - 2 triangles in a picture",
+                    pbs_reader_name(l->s->reader), l->node, l->s->nodes[l->node].name);
 }
 
 static pbs_code mark_used(void *ctx, uint32_t node, const double m[12], uint32_t flags,
                           bool *descend, pbs_err *err) {
     look *l = ctx;
-    (void)err;
     *descend = !(flags & PBS_CHILD_MOVES) && l->plan->meshes[node];
-    if (!*descend || !stands(l, node, m)) return PBS_OK;
-    l->plan->nodes[node].flags |= PBS_NODE_USED;
-    l->below = true;
-    *descend = false;
-    return PBS_OK;
+    if (!*descend) return PBS_OK;
+    if (is_fine(l, node, m)) {
+        l->plan->nodes[node].flags |= PBS_NODE_USED;
+        l->below = true;
+        *descend = false;
+        return PBS_OK;
+    }
+    /* What cannot be drawn in the end is refused before 2^64 placings of it are looked at. */
+    l->count += own_meshes(l->s, node);
+    l->triangles += own_triangles(l->s, node);
+    if (l->triangles > UINT32_MAX - 1) return too_many(l, err);
+    return pbs_mem_plan(l->s->run, l->count * sizeof **l->draws, "the placed meshes", err);
 }
 
-/* BELOW is set while looking, and stays if there is something. */
 static pbs_code plan_below(maker *k, uint32_t node, pbs_err *err) {
     pbs_planned *p = &k->plan->nodes[node];
     look l = {.plan = k->plan, .s = k->s, .node = node};
-    p->flags |= PBS_NODE_BELOW;
     pbs_code rc = pbs_dag_walk(k->s->run, k->s->nodes, node + 1, mark_used, &l, err);
-    if (!l.below) p->flags &= ~(uint32_t)PBS_NODE_BELOW;
+    if (l.below) p->flags |= PBS_NODE_BELOW;
     return rc;
 }
 
@@ -248,19 +274,11 @@ static pbs_code plan_node(maker *k, uint32_t node, pbs_err *err) {
 
 /* ---- the plan ---- */
 
-static bool is_singular(const double m[12]) {
-    double norm = 0, det = pbs_xform_det(m);
-    for (int r = 0; r < 3; r++)
-        norm = fmax(norm, hypot(hypot(m[4 * r], m[4 * r + 1]), m[4 * r + 2]));
-    /* Relative to the largest axis, so that uniform scales of any size are fine. */
-    return !(fabs(det) > 1e-30 * norm * norm * norm);
-}
-
 static uint64_t count_singular(const pbs_scene *s) {
     uint64_t n = 0;
     for (size_t i = 0; i < s->node_count; i++)
         for (uint32_t j = 0; j < s->nodes[i].child_count; j++)
-            n += is_singular(s->nodes[i].children[j].m);
+            n += pbs_xform_is_singular(s->nodes[i].children[j].m);
     return n;
 }
 
@@ -270,10 +288,11 @@ static pbs_code take_room(maker *k, pbs_err *err) {
     const char *what = "the plan of the hierarchy";
     pbs_code rc = pbs_alloc(s->run, &k->plan->nodes, n, sizeof *k->plan->nodes, what, err);
     if (!rc) rc = pbs_alloc(s->run, &k->top, n, sizeof *k->top, what, err);
-    if (!rc) rc = pbs_alloc(s->run, &k->own, n, sizeof *k->own, what, err);
+    if (!rc) rc = pbs_alloc(s->run, &k->moves, n, sizeof *k->moves, what, err);
+    if (!rc) rc = pbs_alloc(s->run, &k->still, n, sizeof *k->still, what, err);
     if (!rc) rc = pbs_alloc(s->run, &k->triangles, n, sizeof *k->triangles, what, err);
-    if (!rc) rc = pbs_dag_count(s->run, s->nodes, n, own_meshes, s, &k->plan->meshes, err);
-    if (!rc) rc = pbs_dag_count(s->run, s->nodes, n, own_vertices, s, &k->vertices, err);
+    if (!rc) rc = pbs_alloc(s->run, &k->vertices, n, sizeof *k->vertices, what, err);
+    if (!rc) rc = pbs_alloc(s->run, &k->plan->meshes, n, sizeof *k->plan->meshes, what, err);
     return rc;
 }
 
@@ -284,7 +303,9 @@ pbs_code pbs_plan_make(const pbs_scene *s, const pbs_lod *lod, const pbs_gbuffer
     pbs_code rc = take_room(&k, err);
     if (!rc) rc = measure_parts(&k, err);
     if (!rc) {
-        count_triangles(&k);
+        count(s, own_triangles, k.triangles);
+        count(s, own_vertices, k.vertices);
+        count(s, own_meshes, out->meshes);
         mark_tops(&k);
         out->singular = count_singular(s);
         if (!k.triangles[s->node_count - 1] && !s->nodes[s->node_count - 1].triangles)
@@ -292,7 +313,8 @@ pbs_code pbs_plan_make(const pbs_scene *s, const pbs_lod *lod, const pbs_gbuffer
     }
     for (size_t i = 0; i < s->node_count && !rc; i++) rc = plan_node(&k, (uint32_t)i, err);
     pbs_free(s->run, k.top);
-    pbs_free(s->run, k.own);
+    pbs_free(s->run, k.moves);
+    pbs_free(s->run, k.still);
     pbs_free(s->run, k.triangles);
     pbs_free(s->run, k.vertices);
     return rc;
@@ -324,10 +346,7 @@ static pbs_code add_draws(void *ctx, uint32_t node, const double m[12], uint32_t
         memcpy(d->m, local, sizeof local);
         l->triangles += d->mesh->triangles;
     }
-    if (!rc && l->triangles > UINT32_MAX - 1)
-        rc =
-            pbs_fail(err, PBS_DATA, "%s: node %u \"%s\": more than 2^32 - 2 triangles in a picture",
-                     pbs_reader_name(s->reader), l->node, s->nodes[l->node].name);
+    if (!rc && l->triangles > UINT32_MAX - 1) rc = too_many(l, err);
     return rc;
 }
 
@@ -349,6 +368,7 @@ typedef struct below {
     const pbs_node *top;
     pbs_code (*place)(void *ctx, uint32_t below, const double m[12], pbs_err *err);
     void *ctx;
+    uint64_t left; /* visits; a stream of a few kilobytes can ask for 2^64 */
 } below;
 
 static pbs_code place_below(void *ctx, uint32_t node, const double m[12], uint32_t flags,
@@ -356,7 +376,10 @@ static pbs_code place_below(void *ctx, uint32_t node, const double m[12], uint32
     below *b = ctx;
     const pbs_node *n = &b->nodes[node];
     *descend = !(flags & PBS_CHILD_MOVES) && b->used[node];
-    if (!*descend || n == b->top || !n->wanted || !pbs_lod_fine(n->pixel, m, b->top->pixel))
+    if (!b->left--)
+        return pbs_fail(err, PBS_DATA, "node %u: more than 2^32 nodes placed below it", b->top->id);
+    if (!*descend || n == b->top || !n->wanted || !(n->flags & PBS_NODE_USED) ||
+        !pbs_lod_fine(n->pixel, m, b->top->pixel))
         return PBS_OK;
     double local[12];
     *descend = false;
@@ -369,6 +392,6 @@ pbs_code pbs_plan_below(pbs_run *run, const pbs_node *nodes, const uint64_t *use
                         pbs_code (*place)(void *ctx, uint32_t below, const double m[12],
                                           pbs_err *err),
                         void *ctx, pbs_err *err) {
-    below b = {nodes, used, &nodes[node], place, ctx};
+    below b = {nodes, used, &nodes[node], place, ctx, (uint64_t)1 << 32};
     return pbs_dag_walk(run, nodes, node + 1, place_below, &b, err);
 }

@@ -30,7 +30,7 @@ typedef struct pbs_planned {
 
 typedef struct pbs_plan {
     pbs_planned *nodes; /* as many as the scene has */
-    uint64_t *meshes;   /* placed below each node, itself included */
+    uint64_t *meshes;   /* placed below each node, itself included, without what moves */
     size_t wanted;      /* nodes that get surfels */
     uint32_t root;      /* the top that is not moved by anything */
     uint64_t singular;  /* placings whose transform cannot be inverted */
@@ -50,8 +50,9 @@ pbs_code pbs_plan_draws(const pbs_scene *s, const pbs_plan *plan, uint32_t node,
 
 /* The other side, for a stream of candidates: calls place for every placing of a node whose
  * surfels stand for it in the picture of `node`, with the transform between the frames of their
- * points. nodes: at least up to `node`; used[i]: how many nodes with surfels are below i, itself
- * included. */
+ * points. nodes: at least up to `node`, with their flags; used[i]: how many nodes with surfels are
+ * placed below i, itself included, without what moves. Errors: place's; PBS_DATA for more than 2^32
+ * placings; PBS_LIMIT, PBS_CANCEL. */
 pbs_code pbs_plan_below(pbs_run *run, const pbs_node *nodes, const uint64_t *used, uint32_t node,
                         pbs_code (*place)(void *ctx, uint32_t below, const double m[12],
                                           pbs_err *err),

@@ -10,6 +10,7 @@ typedef struct kept {
     uint32_t count;
     uint64_t at; /* in the spool */
     double covering;
+    pbs_box box;
 } kept;
 
 struct pbs_keep {
@@ -57,6 +58,15 @@ static void arrays_of(const pbs_keep *k, const pbs_points *p, array out[ARRAYS])
     out[5] = (array){p->emissive, k->channels & PBS_EMISSIVE ? 4 : 0};
 }
 
+static pbs_box box_of(const pbs_points *p) {
+    pbs_box box = PBS_BOX_EMPTY;
+    for (size_t i = 0; i < p->count; i++) {
+        const float *f = p->position + 3 * i;
+        pbs_box_add(&box, (double[3]){f[0], f[1], f[2]});
+    }
+    return box;
+}
+
 pbs_code pbs_keep_put(pbs_keep *k, uint32_t node, const pbs_points *surfels, double covering,
                       pbs_err *err) {
     pbs_code rc = pbs_grow(k->run, &k->nodes, &k->cap, k->count + 1, sizeof *k->nodes,
@@ -64,7 +74,8 @@ pbs_code pbs_keep_put(pbs_keep *k, uint32_t node, const pbs_points *surfels, dou
     if (rc || !surfels->count) return rc;
     array a[ARRAYS];
     arrays_of(k, surfels, a);
-    k->nodes[k->count++] = (kept){node, (uint32_t)surfels->count, k->spool.written, covering};
+    k->nodes[k->count++] =
+        (kept){node, (uint32_t)surfels->count, k->spool.written, covering, box_of(surfels)};
     for (int i = 0; i < ARRAYS && !rc; i++)
         rc = pbs_output_write(&k->spool, a[i].data, a[i].size * surfels->count, err);
     return rc;
@@ -82,12 +93,18 @@ static const kept *find(const pbs_keep *k, uint32_t node) {
     return low < k->count && k->nodes[low].node == node ? &k->nodes[low] : NULL;
 }
 
+pbs_box pbs_keep_box(const pbs_keep *k, uint32_t node) {
+    const kept *n = find(k, node);
+    return n ? n->box : PBS_BOX_EMPTY;
+}
+
 static pbs_code read_at(pbs_keep *k, uint64_t at, void *to, size_t bytes, pbs_err *err) {
     pbs_code rc = pbs_output_flush(&k->spool, err);
     for (size_t got = 0; !rc && got < bytes;) {
         ssize_t n = pread(k->spool.fd, (char *)to + got, bytes - got, (off_t)(at + got));
         if (n < 0 && errno == EINTR) continue;
-        if (n <= 0) return pbs_fail_errno(err, "%s", k->spool.name);
+        if (n < 0) return pbs_fail_errno(err, "%s", k->spool.name);
+        if (!n) return pbs_fail(err, PBS_IO, "%s: ends early", k->spool.name);
         got += (size_t)n;
     }
     return rc;

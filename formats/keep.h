@@ -5,6 +5,7 @@
 #define PBS_KEEP_H
 
 #include "formats/points.h"
+#include "libcore/vec.h"
 
 typedef struct pbs_keep pbs_keep;
 
@@ -20,6 +21,9 @@ pbs_code pbs_keep_put(pbs_keep *k, uint32_t node, const pbs_points *surfels, dou
  * radius. A node that is not there has 0. */
 pbs_code pbs_keep_prefix(pbs_keep *k, uint32_t node, double radius, size_t *prefix, double *covered,
                          pbs_err *err);
+
+/* Of the whole set, in the coordinates of its positions. A node that is not there: empty. */
+pbs_box pbs_keep_box(const pbs_keep *k, uint32_t node);
 
 /* The first `count` surfels, which there are, into *out, whose room *cap grows as needed. */
 pbs_code pbs_keep_get(pbs_keep *k, uint32_t node, size_t count, pbs_points *out, size_t *cap,

@@ -1,5 +1,6 @@
 #include "formats/node.h"
 #include "formats/wire.h"
+#include <float.h>
 #include <string.h>
 
 /* The fixed part; then the name, zeros to a multiple of 8, and the children. */
@@ -44,9 +45,22 @@ static uint8_t *put_doubles(uint8_t *p, const double *v, int n) {
     return p;
 }
 
+/* Transforms may blow a box up beyond all numbers, or leave it without a coordinate. What is read
+ * is finite or empty. */
+static pbs_box sound_box(const pbs_box *b) {
+    pbs_box out;
+    if (pbs_box_is_empty(b)) return PBS_BOX_EMPTY;
+    for (int k = 0; k < 3; k++) {
+        out.min[k] = fmin(fmax(b->min[k], -DBL_MAX), DBL_MAX);
+        out.max[k] = fmin(fmax(b->max[k], -DBL_MAX), DBL_MAX);
+    }
+    return out;
+}
+
 static void put_fixed(uint8_t *p, const pbs_node *n) {
+    pbs_box box = sound_box(&n->box);
     put_doubles(p + AT_ORIGIN, n->origin, 3);
-    put_doubles(put_doubles(p + AT_BOX, n->box.min, 3), n->box.max, 3);
+    put_doubles(put_doubles(p + AT_BOX, box.min, 3), box.max, 3);
     pbs_put_u64(p + AT_TRIANGLES, n->triangles);
     pbs_put_u64(p + AT_RECORDS, n->records);
     pbs_put_f64(p + AT_PIXEL, n->pixel);

@@ -9,14 +9,6 @@ static uint64_t own_meshes(const void *ctx, uint32_t node) {
     return s->first_mesh[node + 1] - s->first_mesh[node];
 }
 
-static bool is_singular(const double m[12]) {
-    double norm = 0, det = pbs_xform_det(m);
-    for (int r = 0; r < 3; r++)
-        norm = fmax(norm, hypot(hypot(m[4 * r], m[4 * r + 1]), m[4 * r + 2]));
-    /* Relative to the largest axis, so that uniform scales of any size are fine. */
-    return !(fabs(det) > 1e-30 * norm * norm * norm);
-}
-
 typedef struct unfold {
     const pbs_scene *s;
     const uint64_t *draws; /* below each node */
@@ -40,7 +32,7 @@ static pbs_code place(void *ctx, uint32_t node, const double m[12], uint32_t fla
         memcpy(d->m, local, sizeof local);
         u->out->triangles += d->mesh->triangles;
     }
-    u->out->singular += first < end && is_singular(m);
+    u->out->singular += first < end && pbs_xform_is_singular(m);
     return PBS_OK;
 }
 

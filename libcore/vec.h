@@ -47,6 +47,14 @@ static inline double pbs_xform_det(const double m[12]) {
     return m[0] * (m[5] * m[10] - m[6] * m[9]) - m[1] * (m[4] * m[10] - m[6] * m[8]) +
            m[2] * (m[4] * m[9] - m[5] * m[8]);
 }
+/* Whether it presses flat, relative to its longest axis: uniform scales of any size do not. */
+static inline bool pbs_xform_is_singular(const double m[12]) {
+    double norm = 0, unit[12];
+    for (int r = 0; r < 3; r++)
+        norm = fmax(norm, hypot(hypot(m[4 * r], m[4 * r + 1]), m[4 * r + 2]));
+    for (int i = 0; i < 12; i++) unit[i] = m[i] / norm;
+    return !(fabs(pbs_xform_det(unit)) > 1e-30);
+}
 /* The box of a transformed box. */
 static inline pbs_box pbs_xform_box(const double m[12], const pbs_box *b) {
     pbs_box out = PBS_BOX_EMPTY;

@@ -151,9 +151,8 @@ static int32_t clamp(float v, int32_t most) {
 static void put_disc(const aim *a, float *depth, const spot *s) {
     float r = (float)a->radius, push = r + (float)PUSH;
     float nz = fabsf(s->n[2]) > (float)STEEP ? s->n[2] : copysignf((float)STEEP, s->n[2]);
-    float gx = -s->n[0] / nz, gy = -s->n[1] / nz;
-    float wide = r * sqrtf(fmaxf(0, 1 - s->n[0] * s->n[0]));
-    float high = r * sqrtf(fmaxf(0, 1 - s->n[1] * s->n[1]));
+    float gx = -s->n[0] / nz, gy = -s->n[1] / nz, g = 1 + gx * gx + gy * gy;
+    float wide = r * sqrtf((1 + gy * gy) / g), high = r * sqrtf((1 + gx * gx) / g);
     int32_t x0 = clamp(s->x - wide, a->width - 1), x1 = clamp(s->x + wide, a->width - 1);
     int32_t y0 = clamp(s->y - high, a->height - 1), y1 = clamp(s->y + high, a->height - 1);
     for (int32_t y = y0; y <= y1; y++)
@@ -165,9 +164,13 @@ static void put_disc(const aim *a, float *depth, const spot *s) {
         }
 }
 
-static void splat_cloud(const aim *a, size_t count, float *depth) {
+static pbs_code splat_cloud(const pbs_run *run, const aim *a, size_t count, float *depth,
+                            pbs_err *err) {
     for (size_t i = 0; i < count; i++) {
         spot s;
+        /* Discs may be as large as the picture. */
+        pbs_code rc = i % 1024 ? PBS_OK : pbs_run_check(run, err);
+        if (rc) return rc;
         if (!project(a, i, &s)) continue;
         size_t at = (size_t)s.y * (size_t)a->width + (size_t)s.x;
         put(depth + 2 * at, s.z, (float)(a->radius + PUSH));
@@ -175,6 +178,7 @@ static void splat_cloud(const aim *a, size_t count, float *depth) {
         face(a, i, &s);
         put_disc(a, depth, &s);
     }
+    return PBS_OK;
 }
 
 typedef struct splatting {
@@ -186,14 +190,13 @@ typedef struct splatting {
 static pbs_code splat_pair(void *ctx, size_t i, int thread, pbs_err *err) {
     splatting *s = ctx;
     (void)thread;
-    for (size_t k = 0; k < s->count; k++) {
+    pbs_code rc = PBS_OK;
+    for (size_t k = 0; k < s->count && !rc; k++) {
         aim a;
         aim_at(&a, &s->v->views.pair[i], &s->clouds[k]);
-        splat_cloud(&a, s->clouds[k].count, s->v->depth + 2 * s->v->first[i]);
-        pbs_code rc = k % 16 ? PBS_OK : pbs_run_check(s->v->run, err);
-        if (rc) return rc;
+        rc = splat_cloud(s->v->run, &a, s->clouds[k].count, s->v->depth + 2 * s->v->first[i], err);
     }
-    return PBS_OK;
+    return rc;
 }
 
 pbs_code pbs_visible_splat(pbs_visible *v, const pbs_cloud *clouds, size_t count, pbs_err *err) {
