@@ -194,6 +194,10 @@ static pbs_code print_and_end(const pbs_app *app, pbs_err *err) {
     return flush_stdout(err);
 }
 
+void pbs_tool_whole(pbs_app *app) {
+    app->whole = true;
+}
+
 static pbs_code run(pbs_app *app, void *options, pbs_code (*work)(pbs_app *, void *, pbs_err *),
                     pbs_err *err) {
     if (app->common.help || app->common.version) return print_and_end(app, err);
@@ -205,7 +209,9 @@ static pbs_code run(pbs_app *app, void *options, pbs_code (*work)(pbs_app *, voi
     rc = work(app, options, err);
     clear_progress(app);
     if (!rc) rc = flush_stdout(err);
-    return rc ? rc : write_stats(app, err);
+    if (rc && !app->whole) return rc;
+    pbs_code told = write_stats(app, rc ? NULL : err);
+    return rc ? rc : told;
 }
 
 int pbs_tool_main(int argc, char **argv, const pbs_tool *tool, void *options,

@@ -19,6 +19,7 @@ typedef struct pbs_app {
     int stat_count;
     double start, drawn; /* seconds; when progress was last drawn */
     bool progress_shown;
+    bool whole; /* see pbs_tool_whole */
 } pbs_app;
 
 /* Parses, runs work and ends: returns the exit status. options holds the defaults. */
@@ -30,6 +31,9 @@ const char *pbs_operand(const pbs_app *app, int i);
 
 /* A line on standard error, unless -q; control characters become '?'. */
 void pbs_note(pbs_app *app, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
+
+/* The result is whole although work will return an error: statistics are written as without one. */
+void pbs_tool_whole(pbs_app *app);
 
 /* Prints n bytes to standard output as a JSON string. */
 void pbs_print_json_text(const char *s, size_t n);
