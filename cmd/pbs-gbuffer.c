@@ -231,6 +231,7 @@ static pbs_code draw_nodes(job *j, pbs_err *err) {
 
 static void add_stats(job *j) {
     pbs_app *app = j->app;
+    char channels[256];
     const char *name = pbs_reader_name(j->scene.reader);
     pbs_stat_count(app, "nodes", j->scene.node_count);
     pbs_stat_count(app, "nodes_drawn", j->drawn);
@@ -241,6 +242,8 @@ static void add_stats(job *j) {
     pbs_stat_count(app, "candidates", j->total.candidates);
     pbs_stat_count(app, "resolution", largest_resolution(j));
     pbs_stat_real(app, "pixel", j->plan.nodes[j->plan.root].pixel);
+    pbs_record_text(&j->record, channels);
+    pbs_stat_record(app, channels, j->record.stride);
     pbs_stat_count(app, "bytes", pbs_writer_bytes(j->w));
     pbs_note_skips(app, name, j->scene.skipped);
     if (j->plan.singular)

@@ -15,8 +15,10 @@ typedef struct pbs_app {
         const char *name;
         double value;
         bool integer;
+        bool text; /* the value is app->channels */
     } stats[48];
     int stat_count;
+    char channels[256];
     double start, drawn; /* seconds; when progress was last drawn */
     bool progress_shown;
     bool whole; /* see pbs_tool_whole */
@@ -41,4 +43,6 @@ void pbs_print_json_text(const char *s, size_t n);
 /* Named numbers for --stats and -v; name is a literal, lower case with underscores. */
 void pbs_stat_count(pbs_app *app, const char *name, uint64_t value);
 void pbs_stat_real(pbs_app *app, const char *name, double value);
+/* What a record of the result holds: "channels", the text of the header, and "record_bytes". */
+void pbs_stat_record(pbs_app *app, const char *channels, uint32_t bytes);
 #endif
