@@ -1,7 +1,7 @@
 # make            build everything into build/$(config)/{bin,lib/pbs}
 # make demo       build, and take a real CAD assembly through the whole path to pictures
 # make test       build, and run every test; the last line is "N passed, N failed"
-# make bench      figures, as ratios within one run
+# make bench      figures, as ratios within one run; SCENES=DIR NAMES="..." for your own scenes
 # make fuzz       a minute of damaged files, with clang's fuzzer
 # make lint       layers, headers, man pages, formatting
 # make install    PREFIX=/usr/local DESTDIR=
@@ -138,7 +138,7 @@ demo: deps
 	@$(MAKE) --no-print-directory config=$(config) all
 	@scripts/demo $(B)
 bench: all $(benches)
-	@scripts/bench $(B)
+	@scripts/bench $(B) $(if $(SCENES),"$(SCENES)" $(NAMES))
 # Mutates small valid files and looks whether the checker survives; needs clang with libFuzzer.
 fuzz:
 	@mkdir -p build/fuzz/corpus

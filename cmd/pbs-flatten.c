@@ -352,9 +352,11 @@ static pbs_code work(pbs_app *app, void *opt, pbs_err *err) {
         return pbs_fail(err, PBS_LIMIT, "no memory");
     pbs_code rc = flatten(&j, err);
     if (!rc) {
+        char channels[256];
         pbs_stat_count(app, "nodes", j.entry_count);
         pbs_stat_count(app, "surfels", j.surfels);
-        pbs_stat_count(app, "record_bytes", j.out.stride);
+        pbs_record_text(&j.out, channels);
+        pbs_stat_record(app, channels, j.out.stride);
         pbs_stat_count(app, "bytes", pbs_writer_bytes(j.w));
         pbs_stat_real(app, "position_error", j.error);
         pbs_stat_real(app, "position_error_bound", j.bound);

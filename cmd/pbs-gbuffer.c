@@ -66,7 +66,8 @@ typedef struct job {
     pbs_record record;
     uint32_t node;    /* that is being drawn */
     uint64_t written; /* candidates of it */
-    uint64_t drawn, placings, failed;
+    uint64_t drawn, placings;
+    pbs_failures failures;
     pbs_gbuffer_stats total;
 } job;
 
@@ -149,11 +150,10 @@ static pbs_code take_node(job *j, pbs_err *err) {
     pbs_code rc = plan->wanted ? draw_node(j, err) : PBS_OK;
     if (rc && rc != PBS_DATA && rc != PBS_LIMIT) return rc;
     if (rc) {
-        pbs_fail_in(err, "%s: node %u \"%s\"", pbs_reader_name(j->scene.reader), j->node,
-                    j->scene.nodes[j->node].name);
-        if (!j->o->keep_going || j->written) return rc;
-        pbs_note(j->app, "left out: %s", err->text);
-        j->failed++;
+        pbs_fail_in(err, "node %u \"%s\"", j->node, j->scene.nodes[j->node].name);
+        if (!j->o->keep_going || j->written)
+            return pbs_fail_in(err, "%s", pbs_reader_name(j->scene.reader));
+        pbs_note_failure(&j->failures, err);
         plan->wanted = plan->flags = 0;
     }
     j->drawn += plan->wanted != 0;
@@ -223,7 +223,7 @@ static pbs_code draw_nodes(job *j, pbs_err *err) {
         rc = pbs_run_check(&j->app->run, err);
         if (!rc) rc = take_node(j, err);
     }
-    if (!rc && !j->total.candidates && !j->failed)
+    if (!rc && !j->total.candidates && !j->failures.count)
         rc = pbs_fail(err, PBS_DATA, "%s: no pixel is covered at resolution %u: nothing to see",
                       pbs_reader_name(j->scene.reader), largest_resolution(j));
     return rc ? rc : pbs_writer_commit(j->w, err);
@@ -231,6 +231,7 @@ static pbs_code draw_nodes(job *j, pbs_err *err) {
 
 static void add_stats(job *j) {
     pbs_app *app = j->app;
+    char channels[256];
     const char *name = pbs_reader_name(j->scene.reader);
     pbs_stat_count(app, "nodes", j->scene.node_count);
     pbs_stat_count(app, "nodes_drawn", j->drawn);
@@ -241,6 +242,8 @@ static void add_stats(job *j) {
     pbs_stat_count(app, "candidates", j->total.candidates);
     pbs_stat_count(app, "resolution", largest_resolution(j));
     pbs_stat_real(app, "pixel", j->plan.nodes[j->plan.root].pixel);
+    pbs_record_text(&j->record, channels);
+    pbs_stat_record(app, channels, j->record.stride);
     pbs_stat_count(app, "bytes", pbs_writer_bytes(j->w));
     pbs_note_skips(app, name, j->scene.skipped);
     if (j->plan.singular)
@@ -260,9 +263,11 @@ static size_t least_memory(const job *j) {
 }
 
 static pbs_code work(pbs_app *app, void *opt, pbs_err *err) {
-    job j = {.app = app, .o = opt};
+    job j = {.app = app, .o = opt, .failures = {app, 0}};
     pbs_scene_options so = PBS_SCENE_DEFAULTS;
     so.ignore_missing = j.o->ignore_missing;
+    so.failed = j.o->keep_going ? pbs_note_failure : NULL;
+    so.failed_ctx = &j.failures;
     app->run.mem_floor = least_memory(&j);
     pbs_code rc = pbs_scene_open(&app->run, pbs_operand(app, 0), &so, &j.scene, err);
     if (rc) return rc;
@@ -272,8 +277,7 @@ static pbs_code work(pbs_app *app, void *opt, pbs_err *err) {
     if (!rc) rc = open_writer(&j, err);
     if (!rc) rc = draw_nodes(&j, err);
     if (!rc) add_stats(&j);
-    if (!rc && j.failed)
-        rc = pbs_fail(err, PBS_DATA, "%llu nodes were left out", (unsigned long long)j.failed);
+    if (!rc) rc = pbs_failures_end(&j.failures, err);
     pbs_writer_close(j.w);
     pbs_gbuffers_free(j.buffers);
     pbs_surfaces_free(&app->run, j.surfaces);

@@ -6,7 +6,7 @@
 #include <string.h>
 
 typedef struct options {
-    bool ignore_missing;
+    bool ignore_missing, keep_going;
     uint64_t split, group;
     const char *depend, *target;
 } options;
@@ -22,6 +22,8 @@ static const pbs_option table[] = {
      "write a rule for make: which files were read", 0, 0, NULL, false},
     {0, "depend-target", PBS_TEXT, offsetof(options, target), "NAME",
      "what the rule says is made of them (default: the output)", 0, 0, NULL, false},
+    {0, "keep-going", PBS_FLAG, offsetof(options, keep_going), NULL,
+     "leave out what cannot be read, and end with status 65", 0, 0, NULL, true},
 };
 
 static const pbs_tool tool = {"pbs-import",
@@ -36,7 +38,12 @@ static const pbs_tool tool = {"pbs-import",
 static pbs_code import(pbs_app *app, pbs_input *in, pbs_writer *w, const options *o, pbs_depend *d,
                        pbs_err *err) {
     pbs_scene_writer *sw;
-    pbs_scene_options so = {o->ignore_missing, o->split, o->group};
+    pbs_failures failures = {app, 0};
+    pbs_scene_options so = {.ignore_missing = o->ignore_missing,
+                            .split = o->split,
+                            .group = o->group,
+                            .failed = o->keep_going ? pbs_note_failure : NULL,
+                            .failed_ctx = &failures};
     pbs_code rc = pbs_scene_writer_new(&app->run, w, &so, &sw, err);
     if (rc) return rc;
     rc = pbs_import_input(in, pbs_operand(app, 0), pbs_scene_sink(sw), err);
@@ -57,6 +64,7 @@ static pbs_code import(pbs_app *app, pbs_input *in, pbs_writer *w, const options
         pbs_stat_count(app, "groups", t.groups);
         pbs_stat_count(app, "bytes", pbs_writer_bytes(w));
         pbs_note_skips(app, in->name, t.skipped);
+        rc = pbs_failures_end(&failures, err);
     }
     pbs_scene_writer_free(sw);
     return rc;

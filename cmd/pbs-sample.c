@@ -361,6 +361,7 @@ static pbs_code sample_exr(job *j, pbs_err *err) {
 
 static void add_stats(job *j) {
     pbs_app *app = j->app;
+    char channels[256];
     pbs_stat_count(app, "nodes", j->node_count);
     pbs_stat_count(app, "nodes_sampled", j->sampled);
     if (j->o->cache) pbs_stat_count(app, "nodes_cached", j->cached);
@@ -372,6 +373,8 @@ static void add_stats(job *j) {
     pbs_stat_real(app, "covering_radius", j->covering);
     pbs_stat_real(app, "min_spacing", isfinite(j->min_spacing) ? j->min_spacing : 0);
     pbs_stat_real(app, "median_spacing_1000", j->median);
+    pbs_record_text(&j->out, channels);
+    pbs_stat_record(app, channels, j->out.stride);
     pbs_stat_count(app, "bytes", pbs_writer_bytes(j->w));
     if (j->invalid)
         pbs_note(app, "left out: %llu candidates with NaN or infinite positions",

@@ -126,15 +126,20 @@ static pbs_code set_limits(pbs_app *app, pbs_err *err) {
 
 /* ---- statistics ---- */
 
-static void add_stat(pbs_app *app, const char *name, double value, bool integer) {
+static void add_stat(pbs_app *app, struct pbs_stat stat) {
     if (app->stat_count < (int)(sizeof app->stats / sizeof app->stats[0]))
-        app->stats[app->stat_count++] = (struct pbs_stat){name, value, integer};
+        app->stats[app->stat_count++] = stat;
 }
 void pbs_stat_count(pbs_app *app, const char *name, uint64_t value) {
-    add_stat(app, name, (double)value, true);
+    add_stat(app, (struct pbs_stat){.name = name, .value = (double)value, .integer = true});
 }
 void pbs_stat_real(pbs_app *app, const char *name, double value) {
-    add_stat(app, name, value, false);
+    add_stat(app, (struct pbs_stat){.name = name, .value = value});
+}
+void pbs_stat_record(pbs_app *app, const char *channels, uint32_t bytes) {
+    snprintf(app->channels, sizeof app->channels, "%s", channels);
+    add_stat(app, (struct pbs_stat){.name = "channels", .text = true});
+    pbs_stat_count(app, "record_bytes", bytes);
 }
 
 static double seconds(struct timeval t) {
@@ -150,8 +155,10 @@ static void add_costs(pbs_app *app) {
     pbs_stat_count(app, "memory_resident", (uint64_t)u.ru_maxrss * 1024);
 }
 
-static void print_stat(FILE *f, const struct pbs_stat *s) {
-    if (s->integer)
+static void print_stat(const pbs_app *app, FILE *f, const struct pbs_stat *s) {
+    if (s->text)
+        fprintf(f, "\"%s\"", app->channels);
+    else if (s->integer)
         fprintf(f, "%.0f", s->value);
     else if (isfinite(s->value))
         fprintf(f, "%.9g", s->value);
@@ -163,7 +170,7 @@ static pbs_code write_stats(pbs_app *app, pbs_err *err) {
     add_costs(app);
     for (int i = 0; i < app->stat_count && app->common.verbose; i++) {
         fprintf(stderr, "%s: %s ", app->tool->name, app->stats[i].name);
-        print_stat(stderr, &app->stats[i]);
+        print_stat(app, stderr, &app->stats[i]);
         fprintf(stderr, "\n");
     }
     if (!app->common.stats) return PBS_OK;
@@ -172,7 +179,7 @@ static pbs_code write_stats(pbs_app *app, pbs_err *err) {
     fprintf(f, "{\"program\": \"%s\", \"version\": \"%s\"", app->tool->name, PBS_VERSION);
     for (int i = 0; i < app->stat_count; i++) {
         fprintf(f, ",\n \"%s\": ", app->stats[i].name);
-        print_stat(f, &app->stats[i]);
+        print_stat(app, f, &app->stats[i]);
     }
     fprintf(f, "}\n");
     if (ferror(f) | fclose(f)) return pbs_fail_errno(err, "%s", app->common.stats);
@@ -230,6 +237,10 @@ static pbs_code print_and_end(const pbs_app *app, pbs_err *err) {
     return flush_stdout(err);
 }
 
+void pbs_tool_whole(pbs_app *app) {
+    app->whole = true;
+}
+
 static pbs_code run(pbs_app *app, void *options, pbs_code (*work)(pbs_app *, void *, pbs_err *),
                     pbs_err *err) {
     if (app->common.help || app->common.version) return print_and_end(app, err);
@@ -242,7 +253,9 @@ static pbs_code run(pbs_app *app, void *options, pbs_code (*work)(pbs_app *, voi
     clear_progress(app);
     if (!rc && app->progress_to >= 0) tell_progress(app, "done", 1, 0);
     if (!rc) rc = flush_stdout(err);
-    return rc ? rc : write_stats(app, err);
+    if (rc && !app->whole) return rc;
+    pbs_code told = write_stats(app, rc ? NULL : err);
+    return rc ? rc : told;
 }
 
 int pbs_tool_main(int argc, char **argv, const pbs_tool *tool, void *options,

@@ -24,8 +24,12 @@ typedef struct pbs_scene_options {
     bool ignore_missing; /* textures that are not there are counted, not an error */
     uint64_t split;      /* parts with more triangles become assemblies of parts; 0: never */
     uint64_t group;      /* assemblies with more children get inner ones; 0: never */
+    /* Told of each part, material or texture that cannot be read and is left out (sink.h); the text
+     * is without the file's name. NULL: the first one is an error. */
+    void (*failed)(void *ctx, const pbs_err *err);
+    void *failed_ctx;
 } pbs_scene_options;
-#define PBS_SCENE_DEFAULTS ((pbs_scene_options){false, 400000, 32})
+#define PBS_SCENE_DEFAULTS ((pbs_scene_options){.split = 400000, .group = 32})
 
 /* The writer stays the caller's. options NULL: PBS_SCENE_DEFAULTS. Meshes are cut, vertices welded
  * by equality of their bits. */
@@ -75,6 +79,7 @@ typedef struct pbs_scene {
     uint64_t skipped[PBS_SKIP_KINDS];
     uint32_t channels; /* that candidates of the scene can have: NORMAL, and what there is of
                           COLOUR, MATERIAL, EMISSIVE */
+    pbs_scene_options options; /* that it was opened with */
 } pbs_scene;
 
 /* Any scene file, or a scene stream, from a path or (NULL) standard input. Foreign files are
@@ -99,7 +104,9 @@ typedef struct pbs_flat {
 } pbs_flat;
 pbs_code pbs_scene_flatten(const pbs_scene *s, pbs_flat *out, pbs_err *err);
 
-/* Decodes all textures that materials use. Array of texture_count; free with pbs_images_free. */
+/* Decodes all textures that materials use. Array of texture_count; free with pbs_images_free. One
+ * that cannot be decoded is an error, or told and has no size, which counts as white (see failed
+ * above). */
 pbs_code pbs_scene_images(const pbs_scene *s, pbs_image **out, pbs_err *err);
 void pbs_images_free(pbs_run *run, pbs_image *images, size_t count);
 

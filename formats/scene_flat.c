@@ -116,6 +116,11 @@ pbs_code pbs_scene_images(const pbs_scene *s, pbs_image **out, pbs_err *err) {
         images[i].width = 0;
         const pbs_texture *t = &s->textures[i];
         rc = pbs_image_decode(s->run, t->name, t->bytes, t->size, &images[i], err);
+        if (rc != PBS_DATA || !s->options.failed) continue;
+        s->options.failed(s->options.failed_ctx, err);
+        pbs_free(s->run, images[i].rgba);
+        images[i] = (pbs_image){0};
+        rc = PBS_OK;
     }
     if (rc) {
         pbs_images_free(s->run, images, s->texture_count);

@@ -198,9 +198,9 @@ static pbs_code import_spool(pbs_run *run, pbs_input *in, const char *path,
     pbs_writer *w = NULL;
     pbs_scene_writer *sw = NULL;
     char stage[600];
-    snprintf(stage, sizeof stage, "pbs-import %s%s",
-             options && options->ignore_missing ? "--ignore-missing " : "",
-             pbs_base_name(in->name));
+    snprintf(stage, sizeof stage, "pbs-import %s%s%s",
+             options->ignore_missing ? "--ignore-missing " : "",
+             options->failed ? "--keep-going " : "", pbs_base_name(in->name));
     pbs_code rc = pbs_output_spool(run, &spool, err);
     if (rc) return rc;
     rc = pbs_writer_open(
@@ -219,6 +219,7 @@ pbs_code pbs_scene_open(pbs_run *run, const char *path, const pbs_scene_options 
                         pbs_scene *s, pbs_err *err) {
     memset(s, 0, sizeof *s);
     s->run = run;
+    s->options = options ? *options : PBS_SCENE_DEFAULTS;
     s->channels = PBS_NORMAL;
     pbs_input in, scene;
     const uint8_t *head;
@@ -227,7 +228,7 @@ pbs_code pbs_scene_open(pbs_run *run, const char *path, const pbs_scene_options 
     if (rc) return rc;
     rc = pbs_input_peek(&in, &head, &n, err);
     if (!rc && !pbs_is_container(head, n)) {
-        rc = import_spool(run, &in, path, options, &scene, err);
+        rc = import_spool(run, &in, path, &s->options, &scene, err);
         pbs_input_close(&in);
         if (!rc) in = scene;
     }

@@ -26,13 +26,15 @@ struct pbs_scene_writer {
     pbs_scene_totals totals;
 };
 
-const char *const pbs_skip_text[PBS_SKIP_KINDS] = {"triangles with NaN or infinite corners",
-                                                   "triangles without area",
-                                                   "points",
-                                                   "line segments",
-                                                   "placings with NaN or infinite transforms",
-                                                   "missing textures or material libraries",
-                                                   "polygons with fewer than 3 corners"};
+const char *const pbs_skip_text[PBS_SKIP_KINDS] = {
+    "triangles with NaN or infinite corners",
+    "triangles without area",
+    "points",
+    "line segments",
+    "placings with NaN or infinite transforms",
+    "missing textures or material libraries",
+    "polygons with fewer than 3 corners",
+    "parts, materials or textures that cannot be read"};
 
 static pbs_code put_texture(void *ctx, const char *name, const void *bytes, size_t size,
                             uint32_t *id, pbs_err *err) {
@@ -49,12 +51,23 @@ static pbs_code put_texture(void *ctx, const char *name, const void *bytes, size
     return pbs_writer_chunk(s->w, &c, piece, 3, err);
 }
 
+static void leave_out(void *ctx, const pbs_err *err) {
+    pbs_scene_writer *s = ctx;
+    s->totals.skipped[PBS_SKIP_FAILED]++;
+    s->options.failed(s->options.failed_ctx, err);
+}
+
 static pbs_code miss_texture(void *ctx, const char *name, uint32_t *id, pbs_err *err) {
     pbs_scene_writer *s = ctx;
     *id = PBS_NONE;
-    if (!s->options.ignore_missing)
-        return pbs_fail(err, PBS_DATA, "%s: is missing (--ignore-missing goes on without)", name);
-    s->totals.skipped[PBS_SKIP_TEXTURE]++;
+    if (s->options.ignore_missing) {
+        s->totals.skipped[PBS_SKIP_TEXTURE]++;
+        return PBS_OK;
+    }
+    pbs_err why;
+    pbs_fail(&why, PBS_DATA, "%s: is missing (--ignore-missing goes on without)", name);
+    if (!s->options.failed) return pbs_fail(err, PBS_DATA, "%s", why.text);
+    leave_out(s, &why);
     return PBS_OK;
 }
 
@@ -394,8 +407,19 @@ pbs_code pbs_scene_writer_new(pbs_run *run, pbs_writer *w, const pbs_scene_optio
     s->w = w;
     s->root = PBS_NONE;
     s->options = options ? *options : PBS_SCENE_DEFAULTS;
-    s->sink = (pbs_sink){s,        run,      put_texture, miss_texture, put_material, part_begin,
-                         triangle, part_end, assembly,    root,         skip,         false};
+    s->sink = (pbs_sink){s,
+                         run,
+                         put_texture,
+                         miss_texture,
+                         put_material,
+                         part_begin,
+                         triangle,
+                         part_end,
+                         assembly,
+                         root,
+                         skip,
+                         false,
+                         s->options.failed ? leave_out : NULL};
     pbs_mesh_out to = {&s->meshes, pbs_meshlist_add};
     pbs_code rc = pbs_builder_new(run, to, &s->builder, err);
     s->meshes.budget = part_budget(run);

@@ -48,6 +48,8 @@ typedef enum pbs_skip {
     PBS_SKIP_TRANSFORM,  /* placing with a NaN or infinite transform, by the sink */
     PBS_SKIP_TEXTURE, /* texture or material library that is missing, where the user allowed it */
     PBS_SKIP_POLYGON, /* polygon with fewer than 3 corners, by the reader */
+    PBS_SKIP_FAILED, /* part of the file that cannot be read, where the user allowed it, by the sink
+                      */
     PBS_SKIP_KINDS
 } pbs_skip;
 
@@ -75,6 +77,11 @@ typedef struct pbs_sink {
     void (*skip)(void *ctx, pbs_skip kind, uint64_t count);
     bool mapped; /* the bytes that the reader gets are a file's map, whose pages a pbs_trim may let
                     go (formats/scratch.h) */
+    /* What is one of many cannot be read: *err says which and why, as the reader would end with.
+     * NULL: it does. Else that is left out and the reader goes on: a primitive and the placings of
+     * a node are not there, a material or an image is PBS_NONE. Only errors of the file (PBS_DATA)
+     * and never inside a part. */
+    void (*failed)(void *ctx, const pbs_err *err);
 } pbs_sink;
 
 /* A reader. path is for messages and for finding files beside it; bytes is the whole file, mapped

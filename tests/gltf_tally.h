@@ -167,7 +167,8 @@ static inline void tally_begin(tally *t) {
                          tally_assembly,
                          tally_root,
                          tally_skip,
-                         false};
+                         false,
+                         NULL};
 }
 static inline void tally_end(tally *t) {
     for (uint32_t i = 0; i < t->node_count; i++) {

@@ -154,7 +154,8 @@ static void rec_begin(rec *r) {
                          rec_assembly,
                          rec_root,
                          rec_skip,
-                         false};
+                         false,
+                         NULL};
 }
 
 /* What must hold after any import: calls in order, all memory given back, a text with an error. */

@@ -123,22 +123,25 @@ uint32_t reader::instances(int n, const instancing_entry &e, uint32_t part) {
 uint32_t reader::mesh_or_instances(int n) {
     const node_entry &node = doc_.nodes[(size_t)n];
     if (node.mesh < 0) return PBS_NONE;
-    uint32_t id = part(node.mesh);
-    if (node.instancing != absent)
-        in_place(err_, "node", (size_t)n, doc_.name(node.name),
-                 [&] { id = instances(n, doc_.instancing[(size_t)node.instancing], id); });
-    return id;
+    uint32_t id = PBS_NONE;
+    bool out = left_out([&] {
+        id = part(node.mesh);
+        if (node.instancing != absent)
+            in_place(err_, "node", (size_t)n, doc_.name(node.name),
+                     [&] { id = instances(n, doc_.instancing[(size_t)node.instancing], id); });
+    });
+    return out ? PBS_NONE : id;
 }
 
 /* A placing has its node's own name, also where the sink finds out that the assemblies of two
  * nodes are equal and keeps one. */
-pbs_child reader::child_of(int n) {
+void reader::add_child(int n) {
     pbs_child c = {};
     c.node = node_id_[(size_t)n];
+    if (c.node == PBS_NONE) return;
     c.name = doc_.name(doc_.nodes[(size_t)n].name);
     c.flags = moves_[(size_t)n] ? (uint32_t)PBS_CHILD_MOVES : 0;
-    local_matrix(n, c.m);
-    return c;
+    if (!left_out([&] { local_matrix(n, c.m); })) children_.push(c);
 }
 
 /* All below is known: gives the node its id. */
@@ -153,10 +156,7 @@ void reader::finish_node(int n) {
         c.name = doc_.name(doc_.meshes[(size_t)node.mesh].name);
         children_.push(c);
     }
-    for (uint32_t k = 0; k < node.child_count; k++) {
-        int c = doc_.children[node.first_child + k];
-        if (node_id_[(size_t)c] != PBS_NONE) children_.push(child_of(c));
-    }
+    for (uint32_t k = 0; k < node.child_count; k++) add_child(doc_.children[node.first_child + k]);
     id = own;
     if (children_.size() == (own != PBS_NONE)) return;
     check(sink_->assembly(sink_->ctx, doc_.name(node.name), children_.data(), children_.size(), &id,
@@ -237,8 +237,7 @@ void reader::read(const void *data, size_t size) {
         let_go_of_files();
         for (int32_t n : doc_.roots) walk(n);
         children_.clear();
-        for (int32_t n : doc_.roots)
-            if (node_id_[(size_t)n] != PBS_NONE) children_.push(child_of(n));
+        for (int32_t n : doc_.roots) add_child(n);
     } catch (const not_json &) {
         std::string text = syntax_error(doc_);
         if (!text.empty()) pbs_fail(err_, PBS_DATA, "%s", text.c_str());

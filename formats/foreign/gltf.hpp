@@ -106,7 +106,8 @@ class reader {
     void walk(int root);
     void enter(int n, int from);
     void finish_node(int n);
-    pbs_child child_of(int n);
+    template <class F> bool left_out(F body);
+    void add_child(int n);
     uint32_t mesh_or_instances(int n);
     uint32_t instances(int n, const instancing_entry &e, uint32_t part);
     void local_matrix(int n, double m[12]);
@@ -138,9 +139,11 @@ class reader {
         int32_t set; /* of texture coordinates */
     };
     const known_material &material(int i);
+    void read_material(int i, known_material &known);
     struct texture_slot;
     pbs_texture_use texture_use(const texture_slot &slot, int set);
     uint32_t image(int i);
+    void read_image(int i, uint32_t &id);
     uint32_t image_of_texture(const tinygltf::Texture &t);
 
     /* gltf_mesh.cpp */
@@ -193,6 +196,21 @@ class reader {
     };
     list<step> stack_;
 };
+
+/* Runs body; true if the file is wrong there and the sink goes on without. Not where the text is
+ * no JSON at all. */
+template <class F> bool reader::left_out(F body) {
+    try {
+        body();
+        return false;
+    } catch (const not_json &) {
+        throw;
+    } catch (const failure &e) {
+        if (e.code != PBS_DATA || !sink_->failed) throw;
+        sink_->failed(sink_->ctx, err_);
+        return true;
+    }
+}
 
 } // namespace pbs::gltf
 #endif

@@ -83,12 +83,7 @@ template <class Slot> static int uv_set(const tinygltf::Material &m) {
     return 0;
 }
 
-/* The image's id at the sink. */
-uint32_t reader::image(int i) {
-    if (i < 0 || (size_t)i >= doc_.images.size())
-        fail(err_, PBS_DATA, "image %d, but there are %zu", i, doc_.images.size());
-    uint32_t &id = image_id_[(size_t)i];
-    if (id != not_yet) return id;
+void reader::read_image(int i, uint32_t &id) {
     const image_entry &e = doc_.images[(size_t)i];
     const char *given = doc_.name(e.name);
     std::string name = given ? given : "image " + std::to_string(i);
@@ -109,6 +104,14 @@ uint32_t reader::image(int i) {
         else
             check(sink_->missing(sink_->ctx, uri.empty() ? name.c_str() : uri.c_str(), &id, err_));
     }
+}
+
+/* The image's id at the sink. */
+uint32_t reader::image(int i) {
+    if (i < 0 || (size_t)i >= doc_.images.size())
+        fail(err_, PBS_DATA, "image %d, but there are %zu", i, doc_.images.size());
+    uint32_t &id = image_id_[(size_t)i];
+    if (id == not_yet && left_out([&] { read_image(i, id); })) id = PBS_NONE;
     return id;
 }
 
@@ -177,13 +180,7 @@ static void factors(const tinygltf::Material &m, pbs_material &out) {
         out.emissive[k] = (float)(m.emissiveFactor[k] * s);
 }
 
-const reader::known_material &reader::material(int i) {
-    static const known_material none = {PBS_NONE, 0};
-    if (i < 0) return none;
-    if ((size_t)i >= doc_.materials.size())
-        fail(err_, PBS_DATA, "material %d, but there are %zu", i, doc_.materials.size());
-    known_material &known = materials_[(size_t)i];
-    if (known.id != not_yet) return known;
+void reader::read_material(int i, known_material &known) {
     std::string_view text = doc_.materials[(size_t)i];
     counted memory(run_, bytes_for_json * text.size(), "a material's JSON", err_);
     tinygltf::Material m;
@@ -204,6 +201,15 @@ const reader::known_material &reader::material(int i) {
         check(sink_->material(sink_->ctx, &out, &known.id, err_));
         known.set = set;
     });
+}
+
+const reader::known_material &reader::material(int i) {
+    static const known_material none = {PBS_NONE, 0};
+    if (i < 0) return none;
+    if ((size_t)i >= doc_.materials.size())
+        fail(err_, PBS_DATA, "material %d, but there are %zu", i, doc_.materials.size());
+    known_material &known = materials_[(size_t)i];
+    if (known.id == not_yet && left_out([&] { read_material(i, known); })) known = none;
     return known;
 }
 

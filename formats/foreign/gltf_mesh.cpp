@@ -194,7 +194,9 @@ struct reader::survey {
 void reader::look_at(const primitive_entry &e, uint32_t place, survey &s) {
     if (skip_mode(e)) return;
     primitive p = open_primitive(e);
-    bound(p, s.box);
+    pbs_box box = s.box; /* a primitive that is left out has no part in it */
+    bound(p, box);
+    s.box = box;
     s.drawn[place] = 1;
     if (p.torn) sink_->skip(sink_->ctx, PBS_SKIP_POLYGON, 1);
     s.corners |= (p.normal ? (uint32_t)PBS_CORNER_NORMAL : 0) |
@@ -215,27 +217,27 @@ uint32_t reader::part(int i) {
     if (id != not_yet) return id;
     const mesh_entry m = doc_.meshes[(size_t)i];
     const char *name = doc_.name(m.name);
-    auto each = [&](auto f) {
+    auto at = [&](uint32_t k, auto f) {
         in_place(err_, "mesh", (size_t)i, name, [&] {
-            for (uint32_t k = 0; k < m.count; k++)
-                in_place(err_, "primitive", k, nullptr,
-                         [&] { f(doc_.primitives[m.first + k], k); });
+            in_place(err_, "primitive", k, nullptr, [&] { f(doc_.primitives[m.first + k]); });
         });
     };
     survey s(run_, err_);
     s.drawn.assign(m.count, 0);
-    each([&](const primitive_entry &e, uint32_t k) { look_at(e, k, s); });
+    for (uint32_t k = 0; k < m.count; k++)
+        left_out([&] { at(k, [&](const primitive_entry &e) { look_at(e, k, s); }); });
     double origin[3] = {0, 0, 0};
     for (int k = 0; k < 3 && !pbs_box_is_empty(&s.box); k++)
         origin[k] = s.box.min[k] / 2 + s.box.max[k] / 2;
     check(sink_->part_begin(sink_->ctx, name, origin, s.corners, err_));
     size_t next = 0;
-    each([&](const primitive_entry &e, uint32_t k) {
-        if (next < s.kept.size() && s.kept[next].first == k)
-            emit(s.kept[next++].second);
-        else if (s.drawn[k])
-            emit(open_primitive(e));
-    });
+    for (uint32_t k = 0; k < m.count; k++)
+        at(k, [&](const primitive_entry &e) {
+            if (next < s.kept.size() && s.kept[next].first == k)
+                emit(s.kept[next++].second);
+            else if (s.drawn[k])
+                emit(open_primitive(e));
+        });
     check(sink_->part_end(sink_->ctx, &id, err_));
     pbs_run_progress(run_, "reading", (uint64_t)i + 1, doc_.meshes.size());
     return id;

@@ -276,7 +276,7 @@ static void check_model(const model *md, const pbs_scene_options *options) {
 
 TEST(every_triangle_keeps_its_place_and_path) {
     static const pbs_scene_options options[] = {
-        {false, 0, 0}, {false, 50, 0}, {false, 0, 2}, {false, 7, 32}, {false, 700, 12}};
+        {0}, {.split = 50}, {.group = 2}, {.split = 7, .group = 32}, {.split = 700, .group = 12}};
     static model md;
     for (int i = 0; i < 10; i++) {
         random_model(&md, 77 + (uint64_t)i);
@@ -435,7 +435,7 @@ static void of_all_sizes(uint32_t i, double p[3]) {
 
 static void check_cloud(uint32_t count, uint64_t limit, void (*middle)(uint32_t, double[3])) {
     uint64_t equal = most_equal(count, middle);
-    maker m = new_scene(&(pbs_scene_options){false, limit, 0});
+    maker m = new_scene(&(pbs_scene_options){.split = limit});
     uint32_t node = put_cloud(&m, count, middle);
     pbs_scene s;
     end_scene(&m, node, &s);
@@ -471,7 +471,7 @@ static void ground_vertex(double x, double y, double p[3]) {
 }
 
 static blob write_ground(size_t limit) {
-    pbs_scene_options options = {false, 1000, 0};
+    pbs_scene_options options = {.split = 1000};
     run.mem_limit = limit;
     maker m = new_scene(&options);
     uint32_t node;
