@@ -14,7 +14,17 @@
 /* Discs seen at a steeper angle than this cosine are drawn as if at this one. */
 #define STEEP 0.25
 
-enum { CHUNK = 1 << 14 }; /* surfels asked for at a time */
+/* Discs with a larger radius in pixels are drawn row by row of their ellipse's box. */
+#define LARGE 4
+
+enum { BLOCK = 1024 }; /* surfels placed at a time */
+
+/* Surfels in the frame of the views, a block at a time: all pairs use them. */
+typedef struct block {
+    size_t count;
+    double p[3][BLOCK];
+    float n[3][BLOCK]; /* unit length; 0: faces every viewer */
+} block;
 
 struct pbs_visible {
     pbs_run *run;
@@ -24,6 +34,8 @@ struct pbs_visible {
     size_t room;
     uint8_t *seen; /* of the surfels of one cloud */
     size_t seen_room;
+    block *blocks; /* one a thread */
+    size_t blocks_room;
 };
 
 pbs_code pbs_visible_new(pbs_run *run, pbs_visible **out, pbs_err *err) {
@@ -36,6 +48,7 @@ void pbs_visible_free(pbs_visible *v) {
     if (!v) return;
     pbs_free(v->run, v->depth);
     pbs_free(v->run, v->seen);
+    pbs_free(v->run, v->blocks);
     free(v);
 }
 
@@ -47,6 +60,12 @@ size_t pbs_visible_need(const pbs_views *views) {
     size_t n = 0;
     for (int i = 0; i < views->pairs; i++) n += pixels_of(&views->pair[i]);
     return 2 * n * sizeof(float);
+}
+
+/* The number of threads may change from call to call. */
+static pbs_code take_blocks(pbs_visible *v, pbs_err *err) {
+    return pbs_grow(v->run, &v->blocks, &v->blocks_room, (size_t)v->run->threads, sizeof(block),
+                    "placed surfels", err);
 }
 
 pbs_code pbs_visible_begin(pbs_visible *v, const pbs_views *views, pbs_err *err) {
@@ -66,40 +85,78 @@ pbs_code pbs_visible_begin(pbs_visible *v, const pbs_views *views, pbs_err *err)
     return PBS_OK;
 }
 
-/* ---- a cloud, projected ---- */
+/* ---- surfels, placed and projected ---- */
 
-/* Takes a surfel to a pair: x and y in pixels from the lower left corner, z in pixels towards the
- * viewer of the even view. */
+/* How a cloud gets there. */
+typedef struct placer {
+    const pbs_cloud *cloud;
+    float normal[9]; /* cofactors, largest 1 */
+} placer;
+
+static placer placer_of(const pbs_cloud *cloud) {
+    placer p = {.cloud = cloud};
+    double cofactor[9], most = 0;
+    pbs_xform_cofactor(cofactor, cloud->m);
+    for (int i = 0; i < 9; i++) most = fmax(most, fabs(cofactor[i]));
+    if (!(most > 0) || !isfinite(most)) return p;
+    if (pbs_xform_det(cloud->m) < 0) most = -most;
+    for (int i = 0; i < 9; i++) p.normal[i] = (float)(cofactor[i] / most);
+    return p;
+}
+
+static void place_normal(const placer *p, size_t i, float out[3]) {
+    const float *m = p->normal;
+    float n[3], l = 0;
+    pbs_oct_decode(n, p->cloud->points->normal + 2 * i);
+    for (int r = 0; r < 3; r++) {
+        out[r] = m[3 * r] * n[0] + m[3 * r + 1] * n[1] + m[3 * r + 2] * n[2];
+        l += out[r] * out[r];
+    }
+    l = l > 0 ? 1 / sqrtf(l) : 0;
+    for (int r = 0; r < 3; r++) out[r] = l < INFINITY ? out[r] * l : 0;
+}
+
+static void place_point(const placer *p, size_t i, double out[3]) {
+    const float *f = p->cloud->points->position + 3 * i;
+    double v[3] = {f[0], f[1], f[2]};
+    pbs_xform_point(out, p->cloud->m, v);
+}
+
+/* Surfels `first` on, at most BLOCK. */
+static void fill_block(const placer *p, size_t first, block *b) {
+    size_t left = p->cloud->count - first;
+    b->count = left < BLOCK ? left : BLOCK;
+    for (size_t i = 0; i < b->count; i++) {
+        double at[3];
+        float n[3] = {0, 0, 0};
+        place_point(p, first + i, at);
+        if (p->cloud->points->normal) place_normal(p, first + i, n);
+        for (int k = 0; k < 3; k++) b->p[k][i] = at[k], b->n[k][i] = n[k];
+    }
+}
+
+/* A pair, and how large a cloud's discs are there: x and y in pixels from the lower left corner, z
+ * in pixels towards the viewer of the even view. */
 typedef struct aim {
     double m[12];
-    double normal[9];
-    double radius; /* pixels */
-    const pbs_points *points;
+    float axis[9];
+    float radius; /* pixels */
     int32_t width, height;
 } aim;
 
-static void aim_at(aim *a, const pbs_pair *pair, const pbs_cloud *cloud) {
+static aim aim_at(const pbs_pair *pair, const pbs_cloud *cloud) {
     const double *axis[3] = {pair->right, pair->up, pair->toward};
-    double middle[3] = {pair->width / 2.0, pair->height / 2.0, 0}, view[12], cofactor[9];
-    for (int r = 0; r < 3; r++) {
-        view[4 * r + 3] = middle[r];
-        for (int c = 0; c < 3; c++) {
-            view[4 * r + c] = axis[r][c] / pair->pixel;
-            view[4 * r + 3] -= axis[r][c] / pair->pixel * pair->centre[c];
-        }
-    }
-    pbs_xform_mul(a->m, view, cloud->m);
-    pbs_xform_cofactor(cofactor, cloud->m);
-    double side = pbs_xform_det(cloud->m) < 0 ? -1 : 1;
+    aim a = {.radius = (float)(HIDING * cloud->radius / pair->pixel),
+             .width = (int32_t)pair->width,
+             .height = (int32_t)pair->height};
+    a.m[3] = pair->width / 2.0, a.m[7] = pair->height / 2.0;
     for (int r = 0; r < 3; r++)
         for (int c = 0; c < 3; c++) {
-            a->normal[3 * r + c] = 0;
-            for (int k = 0; k < 3; k++)
-                a->normal[3 * r + c] += side * axis[r][k] * cofactor[3 * k + c];
+            a.axis[3 * r + c] = (float)axis[r][c];
+            a.m[4 * r + c] = axis[r][c] / pair->pixel;
+            a.m[4 * r + 3] -= a.m[4 * r + c] * pair->centre[c];
         }
-    a->radius = HIDING * cloud->radius / pair->pixel;
-    a->points = cloud->points;
-    a->width = (int32_t)pair->width, a->height = (int32_t)pair->height;
+    return a;
 }
 
 typedef struct spot {
@@ -107,34 +164,20 @@ typedef struct spot {
     float n[3];
 } spot;
 
-static void turn(const double m[9], const int16_t oct[2], float out[3]) {
-    float n[3];
-    double v[3], l = 0;
-    pbs_oct_decode(n, oct);
-    for (int r = 0; r < 3; r++) {
-        v[r] = m[3 * r] * n[0] + m[3 * r + 1] * n[1] + m[3 * r + 2] * n[2];
-        l = fmax(l, fabs(v[r]));
-    }
-    out[0] = out[1] = 0, out[2] = 1;
-    if (!(l > 0) || !(l < INFINITY)) return;
-    for (int r = 0; r < 3; r++) v[r] /= l;
-    l = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
-    for (int r = 0; r < 3; r++) out[r] = (float)(v[r] / l);
-}
-
 /* False if the surfel is not in the picture. */
-static bool project(const aim *a, size_t i, spot *s) {
-    const float *f = a->points->position + 3 * i;
-    double p[3] = {f[0], f[1], f[2]};
+static bool project(const aim *a, const block *b, size_t i, spot *s) {
+    double p[3] = {b->p[0][i], b->p[1][i], b->p[2][i]};
     pbs_xform_point(p, a->m, p);
     s->x = (float)p[0], s->y = (float)p[1], s->z = (float)p[2];
     return s->x >= 0 && s->x < (float)a->width && s->y >= 0 && s->y < (float)a->height &&
            isfinite(s->z);
 }
 
-static void face(const aim *a, size_t i, spot *s) {
-    s->n[0] = s->n[1] = 0, s->n[2] = 1;
-    if (a->points->normal) turn(a->normal, a->points->normal + 2 * i, s->n);
+static void face(const aim *a, const block *b, size_t i, spot *s) {
+    float n[3] = {b->n[0][i], b->n[1][i], b->n[2][i]};
+    for (int r = 0; r < 3; r++)
+        s->n[r] = a->axis[3 * r] * n[0] + a->axis[3 * r + 1] * n[1] + a->axis[3 * r + 2] * n[2];
+    if (n[0] == 0 && n[1] == 0 && n[2] == 0) s->n[2] = 1;
 }
 
 /* ---- splatting ---- */
@@ -149,10 +192,13 @@ static int32_t clamp(float v, int32_t most) {
 }
 
 static void put_disc(const aim *a, float *depth, const spot *s) {
-    float r = (float)a->radius, push = r + (float)PUSH;
+    float r = a->radius, push = r + (float)PUSH, wide = r, high = r;
     float nz = fabsf(s->n[2]) > (float)STEEP ? s->n[2] : copysignf((float)STEEP, s->n[2]);
-    float gx = -s->n[0] / nz, gy = -s->n[1] / nz, g = 1 + gx * gx + gy * gy;
-    float wide = r * sqrtf((1 + gy * gy) / g), high = r * sqrtf((1 + gx * gx) / g);
+    float gx = -s->n[0] / nz, gy = -s->n[1] / nz;
+    if (r > LARGE) { /* for the others, the ellipse's own size costs more than it saves */
+        float g = 1 + gx * gx + gy * gy;
+        wide = r * sqrtf((1 + gy * gy) / g), high = r * sqrtf((1 + gx * gx) / g);
+    }
     int32_t x0 = clamp(s->x - wide, a->width - 1), x1 = clamp(s->x + wide, a->width - 1);
     int32_t y0 = clamp(s->y - high, a->height - 1), y1 = clamp(s->y + high, a->height - 1);
     for (int32_t y = y0; y <= y1; y++)
@@ -164,44 +210,50 @@ static void put_disc(const aim *a, float *depth, const spot *s) {
         }
 }
 
-static pbs_code splat_cloud(const pbs_run *run, const aim *a, size_t count, float *depth,
+static pbs_code splat_block(const pbs_run *run, const aim *a, const block *b, float *depth,
                             pbs_err *err) {
-    for (size_t i = 0; i < count; i++) {
+    for (size_t i = 0; i < b->count; i++) {
         spot s;
-        /* Discs may be as large as the picture. */
-        pbs_code rc = i % 1024 ? PBS_OK : pbs_run_check(run, err);
-        if (rc) return rc;
-        if (!project(a, i, &s)) continue;
-        size_t at = (size_t)s.y * (size_t)a->width + (size_t)s.x;
-        put(depth + 2 * at, s.z, (float)(a->radius + PUSH));
-        if (a->radius <= 0.5) continue;
-        face(a, i, &s);
+        if (!project(a, b, i, &s)) continue;
+        put(depth + 2 * ((size_t)s.y * (size_t)a->width + (size_t)s.x), s.z,
+            a->radius + (float)PUSH);
+        if (a->radius <= 0.5f) continue;
+        face(a, b, i, &s);
         put_disc(a, depth, &s);
     }
-    return PBS_OK;
+    return pbs_run_check(run, err); /* discs may be as large as the picture */
 }
 
 typedef struct splatting {
     pbs_visible *v;
     const pbs_cloud *clouds;
-    size_t count;
+    size_t count, shares;
 } splatting;
 
-static pbs_code splat_pair(void *ctx, size_t i, int thread, pbs_err *err) {
+/* A share is every so manieth pair: a thread places surfels once for all its pairs. */
+static pbs_code splat_share(void *ctx, size_t share, int thread, pbs_err *err) {
     splatting *s = ctx;
-    (void)thread;
+    pbs_visible *v = s->v;
+    block *b = &v->blocks[thread];
     pbs_code rc = PBS_OK;
     for (size_t k = 0; k < s->count && !rc; k++) {
-        aim a;
-        aim_at(&a, &s->v->views.pair[i], &s->clouds[k]);
-        rc = splat_cloud(s->v->run, &a, s->clouds[k].count, s->v->depth + 2 * s->v->first[i], err);
+        placer p = placer_of(&s->clouds[k]);
+        for (size_t first = 0; first < s->clouds[k].count && !rc; first += BLOCK) {
+            fill_block(&p, first, b);
+            for (size_t i = share; i < (size_t)v->views.pairs && !rc; i += s->shares) {
+                aim a = aim_at(&v->views.pair[i], &s->clouds[k]);
+                rc = splat_block(v->run, &a, b, v->depth + 2 * v->first[i], err);
+            }
+        }
     }
     return rc;
 }
 
 pbs_code pbs_visible_splat(pbs_visible *v, const pbs_cloud *clouds, size_t count, pbs_err *err) {
-    splatting s = {v, clouds, count};
-    return pbs_parallel(v->run, (size_t)v->views.pairs, splat_pair, &s, err);
+    size_t pairs = (size_t)v->views.pairs, threads = (size_t)v->run->threads;
+    splatting s = {v, clouds, count, threads < pairs ? threads : pairs};
+    pbs_code rc = take_blocks(v, err);
+    return rc ? rc : pbs_parallel(v->run, s.shares, splat_share, &s, err);
 }
 
 /* ---- asking ---- */
@@ -209,44 +261,44 @@ pbs_code pbs_visible_splat(pbs_visible *v, const pbs_cloud *clouds, size_t count
 typedef struct asking {
     pbs_visible *v;
     const pbs_cloud *cloud;
+    placer placer;
     aim aim[PBS_GBUFFER_MAX_PAIRS];
 } asking;
 
-static bool in_front(const asking *q, int pair, size_t i) {
+static bool in_front(const asking *q, int pair, const block *b, size_t i) {
     const aim *a = &q->aim[pair];
     spot s;
-    if (!project(a, i, &s)) return false;
+    if (!project(a, b, i, &s)) return false;
     const float *depth =
         q->v->depth + 2 * (q->v->first[pair] + (size_t)s.y * (size_t)a->width + (size_t)s.x);
     bool near = s.z >= depth[0], far = s.z <= depth[1];
     if (!near && !far) return false;
-    if (!a->points->normal) return true;
-    face(a, i, &s);
+    if (!q->cloud->points->normal) return true;
+    face(a, b, i, &s);
     return (near && s.n[2] >= (float)-LEAN) || (far && s.n[2] <= (float)LEAN);
 }
 
-static pbs_code ask_chunk(void *ctx, size_t chunk, int thread, pbs_err *err) {
+static pbs_code ask_block(void *ctx, size_t number, int thread, pbs_err *err) {
     asking *q = ctx;
-    size_t end = (chunk + 1) * CHUNK < q->cloud->count ? (chunk + 1) * CHUNK : q->cloud->count;
-    (void)thread;
-    for (size_t i = chunk * CHUNK; i < end; i++) {
-        q->v->seen[i] = false;
-        for (int k = 0; k < q->v->views.pairs && !q->v->seen[i]; k++)
-            q->v->seen[i] = in_front(q, k, i);
+    block *b = &q->v->blocks[thread];
+    uint8_t *seen = q->v->seen + number * BLOCK;
+    fill_block(&q->placer, number * BLOCK, b);
+    for (size_t i = 0; i < b->count; i++) {
+        seen[i] = false;
+        for (int k = 0; k < q->v->views.pairs && !seen[i]; k++) seen[i] = in_front(q, k, b, i);
     }
     return pbs_run_check(q->v->run, err);
 }
 
-/* Normals in the frame of the views: as for a pair whose axes are those of the frame. */
-static void append(const pbs_cloud *cloud, size_t i, const aim *frame, pbs_points *out) {
-    const pbs_points *in = cloud->points;
+static void append(const placer *place, size_t i, pbs_points *out) {
+    const pbs_points *in = place->cloud->points;
     size_t to = out->count++;
-    double p[3] = {in->position[3 * i], in->position[3 * i + 1], in->position[3 * i + 2]};
-    pbs_xform_point(p, cloud->m, p);
+    double p[3];
+    place_point(place, i, p);
     for (int k = 0; k < 3; k++) out->position[3 * to + (size_t)k] = (float)p[k];
     if (out->normal && in->normal) {
         float n[3];
-        turn(frame->normal, in->normal + 2 * i, n);
+        place_normal(place, i, n);
         pbs_oct_encode(out->normal + 2 * to, n);
     }
     if (out->colour && in->colour) memcpy(out->colour + 4 * to, in->colour + 4 * i, 4);
@@ -255,16 +307,13 @@ static void append(const pbs_cloud *cloud, size_t i, const aim *frame, pbs_point
 }
 
 pbs_code pbs_visible_take(pbs_visible *v, const pbs_cloud *cloud, pbs_points *out, pbs_err *err) {
-    asking q = {.v = v, .cloud = cloud};
+    asking q = {.v = v, .cloud = cloud, .placer = placer_of(cloud)};
     pbs_code rc = pbs_grow(v->run, &v->seen, &v->seen_room, cloud->count, 1, "marks", err);
+    if (!rc) rc = take_blocks(v, err);
     if (rc) return rc;
-    for (int k = 0; k < v->views.pairs; k++) aim_at(&q.aim[k], &v->views.pair[k], cloud);
-    rc = pbs_parallel(v->run, (cloud->count + CHUNK - 1) / CHUNK, ask_chunk, &q, err);
-    static const pbs_pair identity = {
-        .right = {1, 0, 0}, .up = {0, 1, 0}, .toward = {0, 0, 1}, .pixel = 1};
-    aim frame;
-    aim_at(&frame, &identity, cloud);
+    for (int k = 0; k < v->views.pairs; k++) q.aim[k] = aim_at(&v->views.pair[k], cloud);
+    rc = pbs_parallel(v->run, (cloud->count + BLOCK - 1) / BLOCK, ask_block, &q, err);
     for (size_t i = 0; i < cloud->count && !rc; i++)
-        if (v->seen[i]) append(cloud, i, &frame, out);
+        if (v->seen[i]) append(&q.placer, i, out);
     return rc;
 }
