@@ -218,7 +218,8 @@ typedef struct look {
 /* Whether the surfels of a placed node could stand for it. */
 static bool is_fine(const look *l, uint32_t node, const double m[12]) {
     const pbs_planned *p = &l->plan->nodes[node];
-    return node != l->node && p->wanted && pbs_lod_fine(p->pixel, m, l->plan->nodes[l->node].pixel);
+    return node != l->node && p->wanted &&
+           pbs_lod_fine(&p->box, p->pixel, m, l->plan->nodes[l->node].pixel);
 }
 
 /* Whether they do. They always do if they can, unless a node between the two was left out since it
@@ -379,7 +380,7 @@ static pbs_code place_below(void *ctx, uint32_t node, const double m[12], uint32
     if (!b->left--)
         return pbs_fail(err, PBS_DATA, "node %u: more than 2^32 nodes placed below it", b->top->id);
     if (!*descend || n == b->top || !n->wanted || !(n->flags & PBS_NODE_USED) ||
-        !pbs_lod_fine(n->pixel, m, b->top->pixel))
+        !pbs_lod_fine(&n->box, n->pixel, m, b->top->pixel))
         return PBS_OK;
     double local[12];
     *descend = false;

@@ -40,6 +40,23 @@ double pbs_lod_stretch(const double m[12]) {
     return sqrt(mean + 2 * spread * cos(acos(c) / 3)) * scale;
 }
 
-bool pbs_lod_fine(double below, const double m[12], double pixel) {
-    return below > 0 && below * pbs_lod_stretch(m) * PBS_LOD_SPACING <= PBS_LOD_DENSE * pixel;
+bool pbs_lod_keeps_views(const double m[12]) {
+    double stretch = pbs_lod_stretch(m);
+    for (int r = 0; r < 3; r++) {
+        int ones = 0;
+        for (int c = 0; c < 3; c++) {
+            double v = fabs(m[4 * r + c]) / stretch;
+            if (!(v < 0.01 || v > 0.99)) return false;
+            ones += v > 0.5;
+        }
+        if (ones != 1) return false;
+    }
+    return true; /* no column has two, since none is longer than the stretch */
+}
+
+bool pbs_lod_fine(const pbs_box *box, double below, const double m[12], double pixel) {
+    double stretch = pbs_lod_stretch(m), size = 0;
+    if (!(below > 0) || !(below * stretch * PBS_LOD_SPACING <= PBS_LOD_DENSE * pixel)) return false;
+    for (int k = 0; k < 3; k++) size = fmax(size, box->max[k] - box->min[k]);
+    return size * stretch <= PBS_LOD_ANY_ANGLE * pixel || pbs_lod_keeps_views(m);
 }

@@ -33,8 +33,17 @@ double pbs_lod_stretch(const double m[12]);
  * lost is at most that: about a quarter of the distance between the surfels chosen from it. */
 #define PBS_LOD_DENSE 1.25
 
-/* Whether the surfels of a node whose own G-buffer had pixels of `below` are dense in a G-buffer
- * with pixels of `pixel`, into which m takes them. Decided before there are surfels, so that all
- * programs decide the same. */
-bool pbs_lod_fine(double below, const double m[12], double pixel);
+/* A part that is placed at an angle is seen in directions from which its own views did not look at
+ * it, and its surfels do not show what only these see: so they stand for it only if it is at most
+ * this many pixels large. */
+#define PBS_LOD_ANY_ANGLE 10
+
+/* Whether m takes the diagonals of a cube, and its axes, to one another: quarter turns, mirrors,
+ * one scale, to 1 %. */
+bool pbs_lod_keeps_views(const double m[12]);
+
+/* Whether the surfels of a node with this box, whose own G-buffer had pixels of `below`, show it in
+ * a G-buffer with pixels of `pixel`, into which m takes them. Decided before there are surfels, so
+ * that all programs decide the same. */
+bool pbs_lod_fine(const pbs_box *box, double below, const double m[12], double pixel);
 #endif

@@ -142,7 +142,8 @@ static pbs_code tally_below(void *ctx, uint32_t below, const double m[12], pbs_e
     t->stood[below]++;
     CHECK(below < t->node && t->p->nodes[below].wanted);
     CHECK(t->p->plan.nodes[below].flags & PBS_NODE_USED);
-    CHECK(pbs_lod_fine(t->p->nodes[below].pixel, m, t->p->nodes[t->node].pixel));
+    CHECK(pbs_lod_fine(&t->p->nodes[below].box, t->p->nodes[below].pixel, m,
+                       t->p->nodes[t->node].pixel));
     return pbs_dag_walk(&run, t->p->s.nodes, below + 1, tally_node, t, e);
 }
 
