@@ -100,16 +100,30 @@ TEST(stretch_of_any_size) {
 }
 
 TEST(fine) {
+    const pbs_box box = {{-50, 0, 1}, {50, 1, 1}};
     double m[12];
     memcpy(m, PBS_IDENTITY, sizeof m);
-    CHECK(pbs_lod_fine(0.125, m, 0.35) && !pbs_lod_fine(0.125, m, 0.3499));
-    m[0] = -2; /* the longest axis counts, mirrored or not */
-    CHECK(pbs_lod_fine(0.125, m, 0.7001) && !pbs_lod_fine(0.125, m, 0.699));
-    CHECK(!pbs_lod_fine(0, m, 1) && !pbs_lod_fine(1, m, 0) && !pbs_lod_fine(NAN, m, 1) &&
-          !pbs_lod_fine(1e-9, m, NAN));
+    CHECK(pbs_lod_fine(&box, 0.125, m, 0.35) && !pbs_lod_fine(&box, 0.125, m, 0.3499));
+    m[0] = -1; /* mirrored: the same directions */
+    CHECK(pbs_lod_fine(&box, 0.125, m, 0.35));
+    m[0] = m[5] = m[10] = 0;
+    m[1] = 2, m[6] = -2, m[8] = 2; /* quarter turns and a scale, which counts */
+    CHECK(pbs_lod_keeps_views(m));
+    CHECK(pbs_lod_fine(&box, 0.125, m, 0.7001) && !pbs_lod_fine(&box, 0.125, m, 0.699));
+    m[0] = 0.1, m[1] = 2 * sqrt(1 - 0.0025); /* at an angle: only as a speck of ten pixels */
+    CHECK(!pbs_lod_keeps_views(m) && !pbs_lod_fine(&box, 0.125, m, 1));
+    CHECK(pbs_lod_fine(&box, 0.125, m, 22) && !pbs_lod_fine(&box, 0.125, m, 19));
+    memcpy(m, PBS_IDENTITY, sizeof m);
+    m[0] = 0.9; /* pressed: other directions */
+    CHECK(!pbs_lod_keeps_views(m));
+    m[0] = 0, m[8] = 1; /* flat */
+    CHECK(!pbs_lod_keeps_views(m));
+    memcpy(m, PBS_IDENTITY, sizeof m);
+    CHECK(!pbs_lod_fine(&box, 0, m, 1) && !pbs_lod_fine(&box, 1, m, 0) &&
+          !pbs_lod_fine(&box, NAN, m, 1) && !pbs_lod_fine(&box, 1e-9, m, NAN));
     m[0] = NAN;
-    CHECK(!pbs_lod_fine(1e-9, m, 1));
+    CHECK(!pbs_lod_fine(&box, 1e-9, m, 1));
     m[0] = INFINITY;
-    CHECK(!pbs_lod_fine(1e-9, m, 1));
+    CHECK(!pbs_lod_fine(&box, 1e-9, m, 1));
 }
 TEST_MAIN
