@@ -143,6 +143,12 @@ static pbs_code write_node(job *j, pbs_err *err) {
     return pbs_node_write(&j->app->run, j->w, &n, err);
 }
 
+static void leave_out(void *ctx, const pbs_err *why) {
+    job *j = ctx;
+    pbs_note(j->app, "left out: %s", why->text);
+    j->failed++;
+}
+
 static pbs_code take_node(job *j, pbs_err *err) {
     pbs_planned *plan = &j->plan.nodes[j->node];
     j->written = 0;
@@ -152,8 +158,7 @@ static pbs_code take_node(job *j, pbs_err *err) {
         pbs_fail_in(err, "%s: node %u \"%s\"", pbs_reader_name(j->scene.reader), j->node,
                     j->scene.nodes[j->node].name);
         if (!j->o->keep_going || j->written) return rc;
-        pbs_note(j->app, "left out: %s", err->text);
-        j->failed++;
+        leave_out(j, err);
         plan->wanted = plan->flags = 0;
     }
     j->drawn += plan->wanted != 0;
@@ -267,13 +272,15 @@ static pbs_code work(pbs_app *app, void *opt, pbs_err *err) {
     pbs_code rc = pbs_scene_open(&app->run, pbs_operand(app, 0), &so, &j.scene, err);
     if (rc) return rc;
     rc = plan(&j, err);
-    if (!rc) rc = pbs_scene_images(&j.scene, &j.images, err);
+    if (!rc)
+        rc = pbs_scene_images(&j.scene, j.o->keep_going ? leave_out : NULL, &j, &j.images, err);
     if (!rc) rc = set_up(&j, err);
     if (!rc) rc = open_writer(&j, err);
     if (!rc) rc = draw_nodes(&j, err);
     if (!rc) add_stats(&j);
     if (!rc && j.failed)
-        rc = pbs_fail(err, PBS_DATA, "%llu nodes were left out", (unsigned long long)j.failed);
+        rc = pbs_fail(err, PBS_DATA, "%llu nodes or textures failed and are left out",
+                      (unsigned long long)j.failed);
     pbs_writer_close(j.w);
     pbs_gbuffers_free(j.buffers);
     pbs_surfaces_free(&app->run, j.surfaces);

@@ -99,8 +99,10 @@ typedef struct pbs_flat {
 } pbs_flat;
 pbs_code pbs_scene_flatten(const pbs_scene *s, pbs_flat *out, pbs_err *err);
 
-/* Decodes all textures that materials use. Array of texture_count; free with pbs_images_free. */
-pbs_code pbs_scene_images(const pbs_scene *s, pbs_image **out, pbs_err *err);
+/* Decodes all textures that materials use. Array of texture_count; free with pbs_images_free.
+ * left_out: called for one that cannot be read, which is white then; NULL: that is an error. */
+pbs_code pbs_scene_images(const pbs_scene *s, void (*left_out)(void *ctx, const pbs_err *why),
+                          void *ctx, pbs_image **out, pbs_err *err);
 void pbs_images_free(pbs_run *run, pbs_image *images, size_t count);
 
 /* What a MATL or TEXR chunk says; false if it is damaged. textures, materials: how many there are.

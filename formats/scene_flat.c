@@ -100,7 +100,8 @@ static void mark(const pbs_texture_use *u, pbs_image *images) {
     if (u->texture != PBS_NONE) images[u->texture].width = 1;
 }
 
-pbs_code pbs_scene_images(const pbs_scene *s, pbs_image **out, pbs_err *err) {
+pbs_code pbs_scene_images(const pbs_scene *s, void (*left_out)(void *ctx, const pbs_err *why),
+                          void *ctx, pbs_image **out, pbs_err *err) {
     pbs_image *images;
     *out = NULL;
     pbs_code rc = pbs_alloc(s->run, &images, s->texture_count, sizeof *images, "the textures", err);
@@ -116,10 +117,15 @@ pbs_code pbs_scene_images(const pbs_scene *s, pbs_image **out, pbs_err *err) {
         images[i].width = 0;
         const pbs_texture *t = &s->textures[i];
         rc = pbs_image_decode(s->run, t->name, t->bytes, t->size, &images[i], err);
+        if (rc) pbs_fail_in(err, "%s", pbs_reader_name(s->reader));
+        if (rc != PBS_DATA || !left_out) continue;
+        images[i] = (pbs_image){0};
+        left_out(ctx, err);
+        rc = PBS_OK;
     }
     if (rc) {
         pbs_images_free(s->run, images, s->texture_count);
-        return pbs_fail_in(err, "%s", pbs_reader_name(s->reader));
+        return rc;
     }
     *out = images;
     return PBS_OK;

@@ -13,7 +13,7 @@ static pbs_code open_scene(pbs_show *s, const char *path, pbs_err *err) {
     s->box = s->flat.box;
     for (size_t i = 0; i < s->flat.count; i++)
         for (int k = 0; k < 3; k++) s->flat.draws[i].m[4 * k + 3] += s->flat.origin[k];
-    return pbs_scene_images(&s->scene, &s->images, err);
+    return pbs_scene_images(&s->scene, NULL, NULL, &s->images, err);
 }
 
 pbs_code pbs_show_open(pbs_run *run, const pbs_show_options *o, const char *path, pbs_show *s,

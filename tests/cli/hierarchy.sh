@@ -30,7 +30,13 @@ pbs-sample -q some.cand -o some.surf && counts some.surf
 pbs-info --check some.cand some.surf
 rm -f some.cand some.surf
 
-[ -e "$PBS_MODULES/gltf.so" ] || { echo "skip: the module gltf is not built"; exit 0; }
+for m in gltf image; do [ -e "$PBS_MODULES/$m.so" ] || { echo "skip: the module $m is not built"; exit 0; }; done
+printf 'newmtl broken\nKd 1 0.5 0\nmap_Kd broken.png\n' >t.mtl
+echo "no picture" >broken.png
+{ echo "mtllib t.mtl"; echo "usemtl broken"; printf 'v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 1\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\nf 2/1 3/2 4/3\n'; } >t.obj
+status pbs-gbuffer -q -n 100 t.obj -o t.cand
+status pbs-gbuffer -n 100 --keep-going t.obj -o t.cand
+pbs-info --check t.cand
 echo "what moves"
 # Two boxes that stand and one that moves.
 at() { echo "1,0,0,0,0,1,0,0,0,0,1,0,$1,0,0,1"; }
