@@ -35,7 +35,7 @@ static uint32_t add_boulder(const maker *m, int n, double bumps) {
     return node;
 }
 
-/* Turned, every third one mirrored. */
+/* Turned by quarters, which keeps the views (pbs_lod_keeps_views), every third one mirrored. */
 static pbs_child lying(uint32_t node, int i, double step, double scale, double a) {
     pbs_child c = {.node = node};
 
@@ -51,7 +51,7 @@ static pbs_scene quarry(void) {
     uint32_t part[LEAVES] = {add_boulder(&m, 24, 5), add_boulder(&m, 16, 3), add_boulder(&m, 4, 2)};
     pbs_child c[18];
     for (int i = 0; i < 18; i++)
-        c[i] = lying(part[i % 5 == 4 ? 2 : i % 2], i, 2.3, i % 4 ? 1 : 1.3, 0.7 * i);
+        c[i] = lying(part[i % 5 == 4 ? 2 : i % 2], i, 2.3, i % 4 ? 1 : 1.3, M_PI / 2 * i);
     uint32_t heap = add_assembly(&m, c, 18);
     for (int i = 0; i < 8; i++) c[i] = lying(heap, i, 9, i % 2 ? 1 : 0.8, M_PI / 2 * i);
     c[8] = lying(part[0], 8, 9, 3, 0);
@@ -191,7 +191,7 @@ static void compare(const line *down, const line *up, uint32_t i) {
     CHECK_NUM(near[last * 19 / 20] <= 1.5 * pixel, near[last * 19 / 20] / pixel);
     CHECK_NUM(near[last * 99 / 100] <= 4 * pixel, near[last * 99 / 100] / pixel);
     size_t at[] = {n / 2, n - 1 - n / 10, n - 1 - n / 100, n - 1 - n / 1000};
-    const double most[] = {1.05, 1.05, 1.1, 1.25};
+    const double most[] = {1.05, 1.05, 1.1, 1.2};
     for (int k = 0; k < 4; k++) CHECK_NUM(b[at[k]] <= most[k] * a[at[k]], b[at[k]] / a[at[k]]);
     free(near), free(a), free(b);
 }
