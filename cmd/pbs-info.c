@@ -7,7 +7,7 @@
 #include <string.h>
 
 typedef struct options {
-    bool check, json, nodes;
+    bool check, json, nodes, tree;
 } options;
 
 static const pbs_option table[] = {
@@ -16,6 +16,8 @@ static const pbs_option table[] = {
     {0, "json", PBS_FLAG, offsetof(options, json), NULL, "print JSON", 0, 0, NULL, false},
     {0, "nodes", PBS_FLAG, offsetof(options, nodes), NULL, "print the nodes instead of the chunks",
      0, 0, NULL, false},
+    {0, "tree", PBS_FLAG, offsetof(options, tree), NULL,
+     "print the nodes as they are placed, each below its parent", 0, 0, NULL, false},
 };
 
 static const pbs_tool tool = {"pbs-info",
@@ -31,7 +33,9 @@ typedef struct printer {
     pbs_run *run;
     const options *o;
     pbs_reader *r;
-    uint64_t chunks, nodes;
+    uint64_t chunks, nodes, printed;
+    pbs_node *node; /* all of them, for the tree */
+    size_t room;
 } printer;
 
 /* ---- JSON and text ---- */
@@ -66,7 +70,7 @@ static void print_header(const printer *p) {
         if (line != history) printf(", ");
         pbs_print_json_text(line, (size_t)(end - line));
     }
-    printf("],\n \"%s\": [", p->o->nodes ? "nodes" : "chunks");
+    printf("],\n \"%s\": [", p->o->tree ? "tree" : p->o->nodes ? "nodes" : "chunks");
 }
 
 static void print_chunk(const printer *p, const pbs_chunk *c) {
@@ -117,10 +121,58 @@ static void print_node(const printer *p, const pbs_node *n) {
     printf("\n");
 }
 
+/* ---- the tree of placings ---- */
+
+typedef struct step {
+    uint32_t node, next; /* child to print next */
+} step;
+
+static void print_placing(printer *p, const pbs_node *n, const pbs_child *c, size_t depth) {
+    const char *name = c && c->name && *c->name ? c->name : n->name;
+    bool moves = c && c->flags & PBS_CHILD_MOVES;
+    if (p->o->json) {
+        printf("%s\n  {\"depth\": %zu, \"node\": %u, \"name\": ", p->printed++ ? "," : "", depth,
+               n->id);
+        pbs_print_json_text(name, strlen(name));
+        printf(", \"moves\": %s, \"triangles\": %" PRIu64 ", \"records\": %" PRIu64 "}",
+               moves ? "true" : "false", n->triangles, n->records);
+        return;
+    }
+    if (!p->printed++) printf("%8s %12s %10s  name\n", "node", "triangles", "records");
+    printf("%8u %12" PRIu64 " %10" PRIu64 "  %*s", n->id, n->triangles, n->records,
+           (int)(2 * (depth < 500 ? depth : 500)), "");
+    print_clean(*name ? name : "-", false);
+    printf("%s\n", moves ? " (moves)" : "");
+}
+
+/* Every placing, below its parent. */
+static pbs_code print_tree(printer *p, pbs_err *err) {
+    step *s = NULL;
+    size_t depth = 0, cap = 0;
+    pbs_code rc = p->nodes ? pbs_grow(p->run, &s, &cap, 1, sizeof *s, "the tree", err) : PBS_OK;
+    if (rc || !p->nodes) return rc;
+    s[depth++] = (step){(uint32_t)p->nodes - 1, 0};
+    print_placing(p, &p->node[p->nodes - 1], NULL, 0);
+    while (depth && !rc) {
+        const pbs_node *n = &p->node[s[depth - 1].node];
+        uint32_t k = s[depth - 1].next++;
+        if (k == n->child_count) {
+            depth--;
+            continue;
+        }
+        print_placing(p, &p->node[n->children[k].node], &n->children[k], depth);
+        rc = pbs_grow(p->run, &s, &cap, depth + 1, sizeof *s, "the tree", err);
+        if (!rc) s[depth++] = (step){n->children[k].node, 0};
+        if (!rc && p->printed % 1024 == 0) rc = pbs_run_check(p->run, err);
+    }
+    pbs_free(p->run, s);
+    return rc;
+}
+
 /* ---- walking ---- */
 
 static pbs_code take(printer *p, const pbs_chunk *c, pbs_err *err) {
-    if (!p->o->nodes) {
+    if (!p->o->nodes && !p->o->tree) {
         print_chunk(p, c);
         p->chunks++;
         return PBS_OK;
@@ -129,6 +181,12 @@ static pbs_code take(printer *p, const pbs_chunk *c, pbs_err *err) {
     pbs_node n;
     pbs_code rc = pbs_node_read(p->run, pbs_reader_name(p->r), c, (uint32_t)p->nodes, &n, err);
     if (rc) return rc;
+    if (p->o->tree) {
+        rc = pbs_grow(p->run, &p->node, &p->room, p->nodes + 1, sizeof n, "the nodes", err);
+        if (!rc) p->node[p->nodes++] = n;
+        if (rc) pbs_node_free(p->run, &n);
+        return rc;
+    }
     print_node(p, &n);
     p->nodes++;
     pbs_node_free(p->run, &n);
@@ -142,7 +200,8 @@ static pbs_code walk_directory(printer *p, pbs_err *err) {
     pbs_code rc = pbs_reader_directory(p->r, &e, &n, err);
     for (size_t i = 0; i < n && !rc; i++) {
         pbs_chunk c = e[i];
-        if (p->o->nodes && c.tag == PBS_TAG_NODE) rc = pbs_reader_at(p->r, &e[i], &c, err);
+        if ((p->o->nodes || p->o->tree) && c.tag == PBS_TAG_NODE)
+            rc = pbs_reader_at(p->r, &e[i], &c, err);
         if (!rc) rc = take(p, &c, err);
     }
     return rc;
@@ -164,7 +223,10 @@ static pbs_code print_file(pbs_app *app, const options *o, const char *path, pbs
     if (rc) return rc;
     print_header(&p);
     rc = pbs_reader_mapped(p.r) ? walk_directory(&p, err) : walk_stream(&p, err);
+    if (!rc && o->tree) rc = print_tree(&p, err);
     if (!rc && o->json) printf("]}\n");
+    for (uint64_t i = 0; o->tree && i < p.nodes; i++) pbs_node_free(p.run, &p.node[i]);
+    pbs_free(p.run, p.node);
     pbs_reader_close(p.r);
     return rc;
 }

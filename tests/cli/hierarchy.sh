@@ -50,6 +50,8 @@ for s in three moving; do
     pbs-info --check $s.pbs
 done
 holds "$(stat_of moving.g pixel) < 0.5 * $(stat_of three.g pixel)" "its place is not in the root's picture"
+pbs-info --tree moving.pbs | sed "1,/records  name/d"
+pbs-info --tree --json moving.pbs | grep -c "\"moves\": true"
 # The picture is of all three.
 text=$(pbs-view -q --width 320 --height 128 --geometry --shot truth.pam moving.gltf 2>&1)
 case "$text" in
