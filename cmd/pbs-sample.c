@@ -140,12 +140,13 @@ static size_t count_of(const job *j, const pbs_node *node) {
     return node->wanted && node->wanted < n ? node->wanted : (size_t)n;
 }
 
+/* The node's number is not among them: a node is sampled alike wherever it comes in a stream, so
+ * that the cache finds it after parts were added before it. */
 static pbs_sample_params params_of(const job *j, const pbs_node *node) {
     return (pbs_sample_params){.count = count_of(j, node),
                                .method = (pbs_method)j->o->method,
                                .normal_weight = (float)j->o->normal_weight,
                                .seed = j->o->seed,
-                               .node = node->id,
                                .subset = (uint32_t)j->o->subset};
 }
 
