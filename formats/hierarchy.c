@@ -175,21 +175,16 @@ static pbs_code measure(maker *k, uint32_t node, pbs_err *err) {
 
 /* ---- one node ---- */
 
-static pbs_code no_box(const maker *k, uint32_t node, const char *what, pbs_err *err) {
-    return pbs_fail(err, PBS_DATA, "%s: node %u \"%s\": %s", pbs_reader_name(k->s->reader), node,
-                    k->s->nodes[node].name, what);
-}
-
 static pbs_code plan_views(maker *k, uint32_t node, pbs_err *err) {
     pbs_planned *p = &k->plan->nodes[node];
     if (pbs_box_is_empty(&p->seen)) {
-        if (k->top[node]) return no_box(k, node, "transforms leave no finite vertex", err);
+        if (k->top[node]) return pbs_fail(err, PBS_DATA, "transforms leave no finite vertex");
         p->wanted = 0;
         return PBS_OK;
     }
     for (int a = 0; a < 3; a++) {
         if (!(p->seen.max[a] - p->seen.min[a] < 1e300)) /* that of views.h */
-            return no_box(k, node, "transforms blow it up beyond all numbers", err);
+            return pbs_fail(err, PBS_DATA, "transforms blow it up beyond all numbers");
         p->origin[a] = p->seen.min[a] / 2 + p->seen.max[a] / 2;
         p->seen.min[a] -= p->origin[a];
         p->seen.max[a] -= p->origin[a];
@@ -229,9 +224,8 @@ static bool stands(const look *l, uint32_t node, const double m[12]) {
            l->plan->nodes[node].flags & PBS_NODE_USED && is_fine(l, node, m);
 }
 
-static pbs_code too_many(const look *l, pbs_err *err) {
-    return pbs_fail(err, PBS_DATA, "%s: node %u \"%s\": more than 2^32 - 2 triangles in a picture",
-                    pbs_reader_name(l->s->reader), l->node, l->s->nodes[l->node].name);
+static pbs_code too_many(pbs_err *err) {
+    return pbs_fail(err, PBS_DATA, "more than 2^32 - 2 triangles in a picture");
 }
 
 static pbs_code mark_used(void *ctx, uint32_t node, const double m[12], uint32_t flags,
@@ -248,7 +242,7 @@ static pbs_code mark_used(void *ctx, uint32_t node, const double m[12], uint32_t
     /* What cannot be drawn in the end is refused before 2^64 placings of it are looked at. */
     l->count += own_meshes(l->s, node);
     l->triangles += own_triangles(l->s, node);
-    if (l->triangles > UINT32_MAX - 1) return too_many(l, err);
+    if (l->triangles > UINT32_MAX - 1) return too_many(err);
     return pbs_mem_plan(l->s->run, l->count * sizeof **l->draws, "the placed meshes", err);
 }
 
@@ -269,8 +263,21 @@ static pbs_code plan_node(maker *k, uint32_t node, pbs_err *err) {
     if (!rc && p->wanted) rc = plan_views(k, node, err);
     if (!rc && p->wanted && !k->top_down && k->s->nodes[node].child_count)
         rc = plan_below(k, node, err);
-    k->plan->wanted += p->wanted != 0;
+    k->plan->wanted += !rc && p->wanted;
     return rc;
+}
+
+/* A node that cannot be planned is an error, or told and gets no surfels (see failed in scene.h):
+ * the nodes above draw what is in it as far as that can be drawn. */
+static pbs_code plan_or_leave_out(maker *k, uint32_t node, pbs_err *err) {
+    const pbs_scene_options *o = &k->s->options;
+    pbs_code rc = plan_node(k, node, err);
+    if (rc != PBS_DATA) return rc;
+    pbs_fail_in(err, "node %u \"%s\"", node, k->s->nodes[node].name);
+    if (!o->failed) return rc;
+    o->failed(o->failed_ctx, err);
+    k->plan->nodes[node].wanted = k->plan->nodes[node].flags = 0;
+    return PBS_OK;
 }
 
 /* ---- the plan ---- */
@@ -310,9 +317,10 @@ pbs_code pbs_plan_make(const pbs_scene *s, const pbs_lod *lod, const pbs_gbuffer
         mark_tops(&k);
         out->singular = count_singular(s);
         if (!k.triangles[s->node_count - 1] && !s->nodes[s->node_count - 1].triangles)
-            rc = pbs_fail(err, PBS_DATA, "%s: no triangles in it", pbs_reader_name(s->reader));
+            rc = pbs_fail(err, PBS_DATA, "no triangles in it");
     }
-    for (size_t i = 0; i < s->node_count && !rc; i++) rc = plan_node(&k, (uint32_t)i, err);
+    for (size_t i = 0; i < s->node_count && !rc; i++) rc = plan_or_leave_out(&k, (uint32_t)i, err);
+    if (rc == PBS_DATA) pbs_fail_in(err, "%s", pbs_reader_name(s->reader));
     pbs_free(s->run, k.top);
     pbs_free(s->run, k.moves);
     pbs_free(s->run, k.still);
@@ -347,7 +355,7 @@ static pbs_code add_draws(void *ctx, uint32_t node, const double m[12], uint32_t
         memcpy(d->m, local, sizeof local);
         l->triangles += d->mesh->triangles;
     }
-    if (!rc && l->triangles > UINT32_MAX - 1) rc = too_many(l, err);
+    if (!rc && l->triangles > UINT32_MAX - 1) rc = too_many(err);
     return rc;
 }
 

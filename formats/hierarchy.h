@@ -38,7 +38,8 @@ typedef struct pbs_plan {
 
 /* views: directions and channels for all nodes; its box and resolution are not read. *out is given
  * back with pbs_plan_free, also after an error. Errors: PBS_LIMIT, PBS_CANCEL; PBS_DATA, with the
- * node's name, if transforms leave nothing finite of a top or blow a node up. */
+ * node's name, if transforms leave nothing finite of a top or blow a node up; or
+ * that is told to s->options.failed, and the node gets no surfels. */
 pbs_code pbs_plan_make(const pbs_scene *s, const pbs_lod *lod, const pbs_gbuffer_params *views,
                        bool top_down, pbs_plan *out, pbs_err *err);
 void pbs_plan_free(pbs_run *run, pbs_plan *plan);
