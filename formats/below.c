@@ -105,8 +105,8 @@ static pbs_code load(pbs_below *b, size_t first, size_t *end, pbs_err *err) {
     return rc;
 }
 
-static pbs_code splat_all(pbs_below *b, const pbs_cloud *own, pbs_err *err) {
-    pbs_code rc = pbs_visible_splat(b->visible, own, 1, err);
+static pbs_code splat_below(pbs_below *b, pbs_err *err) {
+    pbs_code rc = PBS_OK;
     for (size_t i = 0, end; i < b->count && !rc; i = end) {
         rc = load(b, i, &end, err);
         if (!rc) rc = pbs_visible_splat(b->visible, b->clouds, end - i, err);
@@ -121,9 +121,13 @@ static pbs_code take(pbs_below *b, const pbs_cloud *cloud, uint32_t channels, pb
     return rc ? rc : pbs_visible_take(b->visible, cloud, out, err);
 }
 
+/* The node's own candidates were seen, by pixels of their own: only what is below can hide them,
+ * and so they are asked for before they hide something themselves. */
 static pbs_code take_all(pbs_below *b, const pbs_cloud *own, uint32_t channels, pbs_points *out,
                          size_t *cap, pbs_err *err) {
-    pbs_code rc = take(b, own, channels, out, cap, err);
+    pbs_code rc = splat_below(b, err);
+    if (!rc) rc = take(b, own, channels, out, cap, err);
+    if (!rc) rc = pbs_visible_splat(b->visible, own, 1, err);
     for (size_t i = 0, end; i < b->count && !rc; i = end) {
         rc = load(b, i, &end, err);
         for (size_t k = 0; k < end - i && !rc; k++)
@@ -186,7 +190,6 @@ pbs_code pbs_below_add(pbs_below *b, const pbs_node *nodes, const uint64_t *used
     if (!rc) rc = pbs_visible_begin(b->visible, &views, err);
     pbs_cloud own = {.points = points, .count = points->count};
     memcpy(own.m, PBS_IDENTITY, sizeof own.m);
-    if (!rc) rc = splat_all(b, &own, err);
     if (!rc) rc = take_all(b, &own, channels, &merged, &merged_cap, err);
     if (rc) {
         pbs_points_free(b->run, &merged);

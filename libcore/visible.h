@@ -40,7 +40,7 @@ pbs_code pbs_visible_begin(pbs_visible *v, const pbs_views *views, pbs_err *err)
  * nowhere. Same buffers for any order and any number of threads. */
 pbs_code pbs_visible_splat(pbs_visible *v, const pbs_cloud *clouds, size_t count, pbs_err *err);
 
-/* After all clouds are splatted: appends the visible surfels of one, in their order and placed, to
+/* After clouds are splatted: appends the visible surfels of one, in their order and placed, to
  * *out, which has room for cloud->count more; absent channels of the cloud that *out has are left
  * as they are. */
 pbs_code pbs_visible_take(pbs_visible *v, const pbs_cloud *cloud, pbs_points *out, pbs_err *err);
