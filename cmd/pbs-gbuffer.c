@@ -187,10 +187,10 @@ static pbs_code set_up(job *j, pbs_err *err) {
     pbs_gbuffer_params p = j->params;
     p.resolution = largest_resolution(j);
     p.box = (pbs_box){{-1, -1, -1}, {1, 1, 1}};
-    int threads = run->threads;
-    while (threads > 1 && pbs_gbuffer_need(NULL, NULL, 0, &p, threads) > pbs_mem_left(run))
-        threads /= 2;
-    return rc ? rc : pbs_gbuffers_new(run, j->surfaces, threads, &j->buffers, err);
+    while (run->threads > 1 &&
+           pbs_gbuffer_need(NULL, NULL, 0, &p, run->threads) > pbs_mem_left(run))
+        run->threads /= 2;
+    return rc ? rc : pbs_gbuffers_new(run, j->surfaces, run->threads, &j->buffers, err);
 }
 
 static pbs_code plan(job *j, pbs_err *err) {

@@ -81,7 +81,10 @@ static pbs_code work(pbs_app *app, void *opt, pbs_err *err) {
         return pbs_fail(err, PBS_USAGE, "--depend: needs --depend-target or --output");
     if (o->depend) pbs_depend_begin(&depend, &app->run);
     pbs_code rc = pbs_input_open(&app->run, pbs_operand(app, 0), &in, err);
-    if (rc) return rc;
+    if (rc) {
+        pbs_depend_end(&depend, &app->run);
+        return rc;
+    }
     rc = pbs_input_peek(&in, &head, &n, err);
     if (!rc && pbs_is_container(head, n))
         rc = pbs_fail(err, PBS_DATA, "%s: is a pbs file already", in.name);

@@ -159,7 +159,7 @@ static pbs_code choose(job *j, const pbs_sample_params *p, size_t room, uint32_t
     pbs_cache_key key = pbs_cache_sample_key(in, p);
     pbs_code rc = PBS_OK;
     pbs_quality_key(&j->quality, &key, in);
-    if (pbs_cache_find_sample(j->cache, &key, in->count, room, order, spacing, r))
+    if (pbs_cache_find_sample(j->cache, &key, in, room, order, spacing, r))
         rc = pbs_quality_find(&j->quality, in, r->count, &found, err);
     if (rc || found) {
         j->cached += found;

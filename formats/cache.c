@@ -209,9 +209,17 @@ pbs_cache_key pbs_cache_sample_key(const pbs_points *in, const pbs_sample_params
     return pbs_cache_key_of(pieces, in->normal ? 3 : 2);
 }
 
+/* Marks a candidate; false: it cannot have been chosen, or was already. */
+static bool choose(uint8_t *chosen, const pbs_points *in, uint32_t i) {
+    if (i >= in->count || chosen[i / 8] >> i % 8 & 1) return false;
+    chosen[i / 8] |= (uint8_t)(1 << i % 8);
+    const float *p = in->position + 3 * (size_t)i;
+    return isfinite(p[0]) && isfinite(p[1]) && isfinite(p[2]);
+}
+
 /* What can be written can be forged: nothing is believed that could lead out of an array. */
-static bool sample_fits(const uint8_t *text, const pbs_cache_part part[3], size_t candidates,
-                        pbs_sample_result *r) {
+static bool sample_fits(pbs_run *run, const uint8_t *text, const pbs_cache_part part[3],
+                        const pbs_points *in, pbs_sample_result *r) {
     *r = (pbs_sample_result){.count = part[1].size / 4,
                              .covering = pbs_get_f32(text),
                              .duplicates = (size_t)pbs_get_u64(text + 8),
@@ -219,17 +227,22 @@ static bool sample_fits(const uint8_t *text, const pbs_cache_part part[3], size_
     if (part[0].size != 24 || part[1].size != part[2].size || part[1].size % 4) return false;
     const uint32_t *order = part[1].bytes;
     const float *spacing = part[2].bytes;
+    uint8_t *chosen;
     bool good = isfinite(r->covering) && r->covering >= 0;
+    if (pbs_alloc(run, &chosen, in->count / 8 + 1, 1, "what was found", NULL)) return false;
+    memset(chosen, 0, in->count / 8 + 1);
     for (size_t i = 0; i < r->count && good; i++)
-        good = order[i] < candidates && isfinite(spacing[i]) && spacing[i] >= 0;
+        good = choose(chosen, in, order[i]) && isfinite(spacing[i]) && spacing[i] >= 0;
+    pbs_free(run, chosen);
     return good;
 }
 
-bool pbs_cache_find_sample(pbs_cache *c, const pbs_cache_key *key, size_t candidates, size_t room,
-                           uint32_t *order, float *spacing, pbs_sample_result *result) {
+bool pbs_cache_find_sample(pbs_cache *c, const pbs_cache_key *key, const pbs_points *in,
+                           size_t room, uint32_t *order, float *spacing,
+                           pbs_sample_result *result) {
     uint8_t text[24] = {0};
     pbs_cache_part part[3] = {{text, sizeof text}, {order, 4 * room}, {spacing, 4 * room}};
-    return pbs_cache_find(c, key, part, 3) && sample_fits(text, part, candidates, result);
+    return pbs_cache_find(c, key, part, 3) && sample_fits(c->run, text, part, in, result);
 }
 
 pbs_code pbs_cache_store_sample(pbs_cache *c, const pbs_cache_key *key, const uint32_t *order,

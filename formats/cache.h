@@ -9,7 +9,7 @@
  * Around the sampler (tests/unit/test_cache.c does this):
  *
  *     pbs_cache_key key = pbs_cache_sample_key(&candidates, &params);
- *     if (!pbs_cache_find_sample(cache, &key, candidates.count, room, order, spacing, &result)) {
+ *     if (!pbs_cache_find_sample(cache, &key, &candidates, room, order, spacing, &result)) {
  *         rc = pbs_sample(sampler, &candidates, &params, order, spacing, &result, err);
  *         if (!rc) rc = pbs_cache_store_sample(cache, &key, order, spacing, &result, err);
  *     }
@@ -53,9 +53,9 @@ pbs_code pbs_cache_store(pbs_cache *cache, const pbs_cache_key *key, const pbs_p
                          int count, pbs_err *err);
 
 /* Results of pbs_sample: an order and spacings, whatever channels the candidates have. room: of
- * order and spacing; candidates: that order may refer to. */
+ * order and spacing. What is found is some of `in`, each once, whoever wrote the file. */
 pbs_cache_key pbs_cache_sample_key(const pbs_points *in, const pbs_sample_params *params);
-bool pbs_cache_find_sample(pbs_cache *cache, const pbs_cache_key *key, size_t candidates,
+bool pbs_cache_find_sample(pbs_cache *cache, const pbs_cache_key *key, const pbs_points *in,
                            size_t room, uint32_t *order, float *spacing, pbs_sample_result *result);
 pbs_code pbs_cache_store_sample(pbs_cache *cache, const pbs_cache_key *key, const uint32_t *order,
                                 const float *spacing, const pbs_sample_result *result,

@@ -30,13 +30,9 @@ typedef struct job {
     uint32_t *scratch;
 } job;
 
-static size_t slots_of(size_t candidates) {
-    return (candidates + PBS_LEAF - 1) / PBS_LEAF * PBS_LEAF;
-}
-
 static void lay_out(job *j, uint32_t channels, size_t candidates, size_t surfels, int parts,
                     pbs_layout *l) {
-    size_t finest = pbs_octave_length(surfels, 1), slots = slots_of(candidates);
+    size_t finest = pbs_octave_length(surfels, 1), slots = pbs_tree_slots(candidates);
     pbs_owned_init(&j->owned, channels);
     j->cover.owner = pbs_layout_take(l, slots * sizeof *j->cover.owner);
     j->surfels = pbs_layout_take(l, finest * sizeof *j->surfels);
@@ -45,8 +41,6 @@ static void lay_out(job *j, uint32_t channels, size_t candidates, size_t surfels
     /* Where the slots of surfels are is found before anything has an owner. */
     j->scratch = j->cover.owner;
 }
-
-enum { ALLOC_HEAD = 64 }; /* what pbs_alloc adds */
 
 static size_t need(uint32_t channels, size_t candidates, size_t surfels, int parts) {
     job j;
@@ -58,7 +52,7 @@ static size_t need(uint32_t channels, size_t candidates, size_t surfels, int par
 size_t pbs_average_need(uint32_t channels, size_t candidates, size_t surfels) {
     if (!pbs_octaves(surfels)) return 0;
     int parts = pbs_parts_most(candidates, PBS_TREE_PART);
-    return need(channels, candidates, surfels, parts) + ALLOC_HEAD;
+    return need(channels, candidates, surfels, parts) + PBS_ALLOC_HEAD;
 }
 
 static pbs_code reserve(pbs_averager *a, size_t size, pbs_err *err) {

@@ -104,6 +104,13 @@ static inline void *pbs_layout_take(pbs_layout *l, size_t bytes) {
     return l->base ? l->base + at : NULL;
 }
 
+enum { PBS_ALLOC_HEAD = 64 }; /* what pbs_alloc adds to a layout's bytes */
+
+/* Slots of a tree of so many points: its leaves are whole. */
+static inline size_t pbs_tree_slots(size_t points) {
+    return (points + PBS_LEAF - 1) / PBS_LEAF * PBS_LEAF;
+}
+
 /* Looks at every coordinate: sets the metric's scale and box and *invalid. weight 0: Euclid. */
 pbs_code pbs_metric_set(pbs_run *run, pbs_metric *m, const pbs_points *in, float weight,
                         size_t *invalid, pbs_err *err);

@@ -13,15 +13,9 @@ struct pbs_measurer {
     float weight;
 };
 
-enum { ALLOC_HEAD = 64 /* what pbs_alloc adds */ };
-
-static size_t slots_of(size_t candidates) {
-    return (candidates + PBS_LEAF - 1) / PBS_LEAF * PBS_LEAF;
-}
-
 static void lay_out(pbs_measurer *m, size_t candidates, pbs_layout *l) {
     pbs_tree_layout(&m->tree, candidates, l);
-    m->owner = pbs_layout_take(l, slots_of(candidates) * sizeof *m->owner);
+    m->owner = pbs_layout_take(l, pbs_tree_slots(candidates) * sizeof *m->owner);
     m->scratch = pbs_layout_take(l, candidates * sizeof *m->scratch);
 }
 
@@ -104,7 +98,7 @@ typedef struct nearest {
 static void nearest_layout(nearest *n, size_t surfels, pbs_layout *l) {
     pbs_tree_layout(&n->tree, surfels, l);
     n->points.position = pbs_layout_take(l, surfels * 12);
-    n->cover.owner = pbs_layout_take(l, slots_of(surfels) * sizeof *n->cover.owner);
+    n->cover.owner = pbs_layout_take(l, pbs_tree_slots(surfels) * sizeof *n->cover.owner);
     n->surfels = pbs_layout_take(l, surfels * sizeof *n->surfels);
     n->d2 = pbs_layout_take(l, surfels * sizeof *n->d2);
 }
@@ -214,7 +208,7 @@ static void compare_colours(const prefix *p, const pbs_owned *o, const uint8_t *
 static void colours_layout(pbs_owned *o, size_t candidates, size_t surfels, int parts,
                            pbs_layout *l) {
     pbs_owned_init(o, PBS_COLOUR);
-    pbs_owned_layout(o, slots_of(candidates), surfels, parts, l);
+    pbs_owned_layout(o, pbs_tree_slots(candidates), surfels, parts, l);
 }
 
 /* The owners are those of the covering in D. */
@@ -249,7 +243,8 @@ size_t pbs_measurer_need(uint32_t channels, size_t candidates, size_t surfels) {
     nearest_layout(&n, surfels, &spacing);
     int parts = pbs_parts_most(candidates, PBS_TREE_PART);
     if (channels & PBS_COLOUR) colours_layout(&o, candidates, surfels, parts, &colours);
-    return all.used + (spacing.used > colours.used ? spacing.used : colours.used) + 3 * ALLOC_HEAD;
+    return all.used + (spacing.used > colours.used ? spacing.used : colours.used) +
+           3 * PBS_ALLOC_HEAD;
 }
 
 static pbs_code measure_prefix(prefix *p, const uint8_t *averaged, pbs_measures *out,

@@ -30,8 +30,6 @@ static size_t wanted_of(size_t candidates, const pbs_sample_params *p) {
     return p->count < candidates ? p->count : candidates;
 }
 
-enum { ALLOC_HEAD = 64 }; /* what pbs_alloc adds */
-
 size_t pbs_sample_need(size_t candidates, const pbs_sample_params *p) {
     pbs_tree t;
     pbs_layout l = {NULL, 0};
@@ -41,7 +39,7 @@ size_t pbs_sample_need(size_t candidates, const pbs_sample_params *p) {
         pbs_greedy_result_layout(candidates, wanted_of(candidates, p), &l);
     } else
         pbs_heuristic_layout(candidates, p, &l);
-    return l.used + ALLOC_HEAD;
+    return l.used + PBS_ALLOC_HEAD;
 }
 
 /* The tree is walked in all directions: with 4 KiB pages, finding the pages costs as much as the
@@ -101,7 +99,7 @@ pbs_code pbs_sample(pbs_sampler *s, const pbs_points *in, const pbs_sample_param
         result->covering = pbs_metric_length(&t.metric, INFINITY);
         return PBS_OK;
     }
-    rc = reserve(s, pbs_sample_need(in->count, params) - ALLOC_HEAD, err);
+    rc = reserve(s, pbs_sample_need(in->count, params) - PBS_ALLOC_HEAD, err);
     if (rc) return rc;
     if (params->method == PBS_GREEDY) {
         rc = run_greedy(s, in, params, &t, order, spacing, result, err);

@@ -110,6 +110,11 @@ void reader::decode_draco(const primitive_entry &p, int uv_set, primitive &out) 
         const attribute_entry *e = *a.s ? find_attribute(p, a.semantic) : nullptr;
         if (e && e->draco != absent) decode_attribute(run_, mesh, e->draco, *a.s, out, err_);
     }
+    /* Some may be decoded and others not, and their numbers are different claims. */
+    for (const stream *s : {&out.normal, &out.uv, &out.colour})
+        if (*s && s->count < out.position.count)
+            fail(err_, PBS_DATA, "Draco: an attribute has %llu elements, POSITION has %llu",
+                 (ull)s->count, (ull)out.position.count);
     array<uint8_t> index(run_, (size_t)mesh.num_faces() * 12, "a decoded mesh", err_);
     for (draco::FaceIndex f(0); f < mesh.num_faces(); ++f)
         for (size_t k = 0; k < 3; k++) {

@@ -32,6 +32,9 @@ for f in a.scene a.cand a.surf; do
     pbs-build -n -m 1Gi --count 500 $f -o from.pbs
     pbs-build -q --count 500 $f -o from.pbs && pbs-info --check from.pbs
 done
+cp a.surf ./-b.surf
+pbs-build -q --depend none.d -o from.pbs -- -b.surf a.surf -b.surf && pbs-info --check from.pbs
+[ -e none.d ] || echo "no rule"
 pbs-build -q --count 500 - -o - <a.obj | pbs-info --check -
 # Errors: one line, the first stage's status, no output.
 echo junk >junk.obj

@@ -263,7 +263,7 @@ static outcome sample(pbs_cache *c, const pbs_points *in, const pbs_sample_param
     memset(&o, 0, sizeof o);
     pbs_code rc = pbs_sampler_new(&run_of_tests, &s, &err);
     pbs_cache_key key = pbs_cache_sample_key(in, p);
-    if (!pbs_cache_find_sample(c, &key, in->count, WANTED, o.order, o.spacing, &o.r)) {
+    if (!pbs_cache_find_sample(c, &key, in, WANTED, o.order, o.spacing, &o.r)) {
         if (!rc) rc = pbs_sample(s, in, p, o.order, o.spacing, &o.r, &err);
         if (!rc) rc = pbs_cache_store_sample(c, &key, o.order, o.spacing, &o.r, &err);
     }
@@ -323,13 +323,21 @@ TEST(a_forged_order_is_not_believed) {
     pbs_cache_key k = key_of("forged");
     uint32_t order[3] = {0, 1, 10};
     float spacing[3] = {3, 2, 1};
+    float at[33] = {0};
+    pbs_points in = {.count = 11, .position = at};
     pbs_sample_result r = {.count = 3}, got;
     CHECK(!pbs_cache_store_sample(c, &k, order, spacing, &r, NULL));
-    CHECK(pbs_cache_find_sample(c, &k, 11, 3, order, spacing, &got) && got.count == 3);
-    CHECK(!pbs_cache_find_sample(c, &k, 10, 3, order, spacing, &got));
-    spacing[1] = NAN;
+    CHECK(pbs_cache_find_sample(c, &k, &in, 3, order, spacing, &got) && got.count == 3);
+    at[3] = NAN;
+    CHECK(!pbs_cache_find_sample(c, &k, &in, 3, order, spacing, &got));
+    at[3] = 0, in.count = 10;
+    CHECK(!pbs_cache_find_sample(c, &k, &in, 3, order, spacing, &got));
+    order[2] = 1, in.count = 11;
     CHECK(!pbs_cache_store_sample(c, &k, order, spacing, &r, NULL));
-    CHECK(!pbs_cache_find_sample(c, &k, 11, 3, order, spacing, &got));
+    CHECK(!pbs_cache_find_sample(c, &k, &in, 3, order, spacing, &got));
+    order[2] = 10, spacing[1] = NAN;
+    CHECK(!pbs_cache_store_sample(c, &k, order, spacing, &r, NULL));
+    CHECK(!pbs_cache_find_sample(c, &k, &in, 3, order, spacing, &got));
     end(c);
 }
 TEST_MAIN

@@ -346,4 +346,34 @@ TEST(draco_accidents) {
     rmdir(folder);
 }
 
+/* An attribute that is not compressed has as many elements as its accessor says, which need not be
+ * as many as the decoder finds. */
+TEST(draco_attributes_outside) {
+    NEED_GLTF;
+    if (access(DRACO ".gltf", F_OK)) SKIP("the package assimp-testmodels is not installed");
+    static const char *const packed[] = {"'NORMAL':0,'POSITION':1", "'POSITION':1", "'NORMAL':0"};
+    for (int i = 0; i < 3; i++) {
+        char json[1024];
+        snprintf(json, sizeof json,
+                 "{'asset':{'version':'2.0'},"
+                 "'buffers':[{'byteLength':155392,'uri':'2CylinderEngine.bin'}],"
+                 "'bufferViews':[{'buffer':0,'byteLength':7048}],'accessors':["
+                 "{'componentType':5123,'count':8250,'type':'SCALAR'},"
+                 "{'componentType':5126,'count':%d,'type':'VEC3','bufferView':0},"
+                 "{'componentType':5126,'count':%d,'type':'VEC3'}],"
+                 "'meshes':[{'primitives':[{'attributes':{'NORMAL':1,'POSITION':2},'indices':0,"
+                 "'extensions':{'KHR_draco_mesh_compression':{'bufferView':0,"
+                 "'attributes':{%s}}}}]}],'nodes':[{'mesh':0}],'scenes':[{'nodes':[0]}]}",
+                 i < 2 ? 3 : 500000, i < 2 ? 3 : 500000, packed[i]);
+        for (char *c = json; *c; c++)
+            if (*c == '\'') *c = '"';
+        if (i == 2) /* positions outside, more than there are normals */
+            memcpy(strstr(json, ",\"bufferView\":0}"), "}                ", 17);
+        tally_begin(&seen);
+        pbs_code rc = import_bytes(&seen, DRACO ".gltf", json, strlen(json), &err);
+        CHECK_NUM(rc == (i ? PBS_DATA : PBS_OK), rc);
+        tally_end(&seen);
+    }
+}
+
 TEST_MAIN
