@@ -105,8 +105,8 @@ static pbs_code load(pbs_below *b, size_t first, size_t *end, pbs_err *err) {
     return rc;
 }
 
-static pbs_code splat_below(pbs_below *b, pbs_err *err) {
-    pbs_code rc = PBS_OK;
+static pbs_code splat_all(pbs_below *b, const pbs_cloud *own, pbs_err *err) {
+    pbs_code rc = pbs_visible_splat(b->visible, own, 1, err);
     for (size_t i = 0, end; i < b->count && !rc; i = end) {
         rc = load(b, i, &end, err);
         if (!rc) rc = pbs_visible_splat(b->visible, b->clouds, end - i, err);
@@ -121,13 +121,10 @@ static pbs_code take(pbs_below *b, const pbs_cloud *cloud, uint32_t channels, pb
     return rc ? rc : pbs_visible_take(b->visible, cloud, out, err);
 }
 
-/* The node's own candidates were seen, by pixels of their own: only what is below can hide them,
- * and so they are asked for before they hide something themselves. */
 static pbs_code take_all(pbs_below *b, const pbs_cloud *own, uint32_t channels, pbs_points *out,
                          size_t *cap, pbs_err *err) {
-    pbs_code rc = splat_below(b, err);
+    pbs_code rc = splat_all(b, own, err);
     if (!rc) rc = take(b, own, channels, out, cap, err);
-    if (!rc) rc = pbs_visible_splat(b->visible, own, 1, err);
     for (size_t i = 0, end; i < b->count && !rc; i = end) {
         rc = load(b, i, &end, err);
         for (size_t k = 0; k < end - i && !rc; k++)
@@ -160,19 +157,38 @@ static pbs_box box_of(const pbs_below *b, const pbs_node *n, const pbs_points *p
     return box;
 }
 
+static bool damaged_views(const pbs_node *n, const pbs_gbuffer_params *p, pbs_views *views) {
+    return !(n->pixel > 0) || pbs_views_plan(p, views, NULL);
+}
+
+/* With a resolution of 2 one pixel is the longest side. */
+static void choose_resolution(const pbs_node *n, const pbs_views *one, pbs_gbuffer_params *p) {
+    double r = round(one->pixel / n->pixel * (1 - 1e-12)) + 1;
+    p->resolution = (uint32_t)fmin(fmax(r, 2), PBS_GBUFFER_MAX_SIZE);
+}
+
+/* The very views that the candidates were seen in: each then lies in the middle of a pixel of its
+ * view. Unless something below moves: then the node's box is larger than what was drawn, and views
+ * around what is there must do. */
 static pbs_code plan_views(const pbs_below *b, const pbs_node *n, const pbs_points *points,
                            pbs_views *views, pbs_err *err) {
-    pbs_gbuffer_params p = {.resolution = 2, .box = box_of(b, n, points)};
+    pbs_gbuffer_params p = {.resolution = 2, .box = n->box};
     if (n->flags & PBS_NODE_CORNERS || !(n->flags & PBS_NODE_FACES)) {
         memcpy(p.direction, PBS_GBUFFER_CORNERS, sizeof PBS_GBUFFER_CORNERS);
         p.pairs = 4;
     }
     for (int k = 0; k < 3 && n->flags & PBS_NODE_FACES; k++) p.direction[p.pairs++][k] = 1;
-    /* One pixel is the longest side now. */
-    if (!(n->pixel > 0) || pbs_views_plan(&p, views, NULL))
+    for (int k = 0; k < 3; k++) p.box.min[k] -= n->origin[k], p.box.max[k] -= n->origin[k];
+    if (!damaged_views(n, &p, views)) {
+        choose_resolution(n, views, &p);
+        pbs_code rc = pbs_views_plan(&p, views, err);
+        if (rc || views->pixel == n->pixel) return rc;
+    }
+    p.resolution = 2;
+    p.box = box_of(b, n, points);
+    if (damaged_views(n, &p, views))
         return pbs_fail(err, PBS_DATA, "node %u: its box or its pixel is damaged", n->id);
-    double r = ceil(views->pixel / n->pixel * (1 - 1e-9)) + 1;
-    p.resolution = (uint32_t)fmin(fmax(r, 2), PBS_GBUFFER_MAX_SIZE);
+    choose_resolution(n, views, &p);
     return pbs_views_plan(&p, views, err);
 }
 

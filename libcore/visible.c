@@ -9,6 +9,8 @@
  * and what lies deep behind a slit of a few pixels is not hidden by the slit's own edges: a hole in
  * the candidates is worse than some that nobody sees. */
 #define HIDING 0.7
+/* How far from the middle of a pixel a point of it is, at most. */
+#define CENTRED 0.05f
 /* A smooth normal may lean this far away from a view that sees its surface. */
 #define LEAN 0.1
 /* Discs seen at a steeper angle than this cosine are drawn as if at this one. */
@@ -210,11 +212,19 @@ static void put_disc(const aim *a, float *depth, const spot *s) {
         }
 }
 
+/* A point without a size that was seen in a pixel lies in its middle. In other views it lies
+ * anywhere, and would close slits there as wide as a pixel. */
+static bool is_centred(const spot *s) {
+    return fabsf(s->x - floorf(s->x) - 0.5f) <= CENTRED &&
+           fabsf(s->y - floorf(s->y) - 0.5f) <= CENTRED;
+}
+
 static pbs_code splat_block(const pbs_run *run, const aim *a, const block *b, float *depth,
                             pbs_err *err) {
     for (size_t i = 0; i < b->count; i++) {
         spot s;
         if (!project(a, b, i, &s)) continue;
+        if (a->radius == 0 && !is_centred(&s)) continue;
         put(depth + 2 * ((size_t)s.y * (size_t)a->width + (size_t)s.x), s.z,
             a->radius + (float)PUSH);
         if (a->radius <= 0.5f) continue;

@@ -22,7 +22,9 @@ typedef struct pbs_cloud {
     const pbs_points *points; /* position; normal NULL: discs face the viewer */
     size_t count;             /* the first so many */
     double m[12];             /* to the frame of the views */
-    double radius;            /* of the discs, in the frame of the views; 0: a pixel each */
+    double
+        radius; /* of the discs, in the frame of the views; 0: each hides what is behind it only
+                   in the view in the middle of whose pixel it lies, which is where it was seen */
 } pbs_cloud;
 
 typedef struct pbs_visible pbs_visible; /* buffers, reused from node to node */
