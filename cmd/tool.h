@@ -24,7 +24,7 @@ typedef struct pbs_app {
     double phase_start, phase_share;
     bool progress_shown;
     int progress_to; /* where PBS_PROGRESS says; -1: nowhere */
-    bool whole; /* see pbs_tool_whole */
+    bool whole;      /* see pbs_tool_whole */
 } pbs_app;
 
 /* Parses, runs work and ends: returns the exit status. options holds the defaults. */
