@@ -118,18 +118,37 @@ static pbs_code draw_node(job *j, pbs_err *err) {
     return rc;
 }
 
+/* The file that the scene was imported from: the end of the history's first line, behind the
+ * options; "" if it was a pipe. The stream may come through a pipe itself, and that has no name. */
+static void source_name(const job *j, char *name, size_t size) {
+    static const char stage[] = "stage pbs-import ", pipe[] = "standard input\n";
+    const char *p = pbs_scene_history(&j->scene);
+    *name = 0;
+    if (strncmp(p, stage, sizeof stage - 1)) return;
+    p += sizeof stage - 1;
+    while (!strncmp(p, "--", 2)) {
+        bool value = !strncmp(p, "--split ", 8) || !strncmp(p, "--group ", 8);
+        for (int words = value ? 2 : 1; words; words--) {
+            p += strcspn(p, " \n");
+            p += *p == ' ';
+        }
+    }
+    if (strncmp(p, pipe, sizeof pipe - 1)) snprintf(name, size, "%.*s", (int)strcspn(p, "\n"), p);
+}
+
 /* A scene's root often has no name; the file's is better than none. */
-static const char *name_of(const job *j) {
+static const char *name_of(const job *j, const char *source) {
     const char *name = j->scene.nodes[j->node].name;
-    bool root = j->node + 1 == j->scene.node_count;
-    return *name || !root ? name : pbs_base_name(pbs_reader_name(j->scene.reader));
+    return *name || j->node + 1 < j->scene.node_count ? name : source;
 }
 
 static pbs_code write_node(job *j, pbs_err *err) {
+    char source[512];
+    source_name(j, source, sizeof source);
     const pbs_node *from = &j->scene.nodes[j->node];
     const pbs_planned *plan = &j->plan.nodes[j->node];
     pbs_node n = {.id = j->node,
-                  .name = name_of(j),
+                  .name = name_of(j, source),
                   .box = plan->box,
                   .triangles = from->triangles,
                   .records = j->written,

@@ -54,6 +54,7 @@ rm out/x.pbs why
 status pbs-build a.obj -o no/x.pbs
 status pbs-build --count 100 a.obj >/dev/full
 status pbs-build -m 1x a.obj -o out/x.pbs
+PBS_MEMORY=lots status pbs-build a.obj -o out/x.pbs
 status pbs-build -x a.obj
 status pbs-build --frobnicate a.obj
 status pbs-build --quiet=yes a.obj

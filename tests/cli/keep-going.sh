@@ -1,3 +1,4 @@
+# memory: 2Gi
 # --keep-going: what cannot be read is left out and named, the rest is as without it, status 65.
 [ -e "$PBS_MODULES/gltf.so" ] || { echo "skip: the module gltf is not built"; exit 0; }
 one=1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1
@@ -24,6 +25,15 @@ echo "== what is there is as in a file without the rest"
 pbs-gbuffer -q -r 32 good.gltf -o good.cand
 for f in good bad second; do pbs-info $f.cand | awk '/PNTS/ { print $2, $NF }' >$f.crc; done
 [ -s good.crc ] && cut -d' ' -f2 good.crc | cmp - <(cut -d' ' -f2 bad.crc) && cmp bad.crc second.crc && echo same
+echo "== all stages together: an archive of the rest, each note once"
+status pbs-build --count 500 --keep-going bad.gltf -o bad.pbs
+pbs-build --count 500 bad.scene -o rest.pbs
+for f in bad rest; do pbs-info $f.pbs | awk '/PNTS/ { print $2, $NF }' >$f.crc; done
+[ -s bad.crc ] && cmp bad.crc rest.crc && echo same
+# A root without a name has its file's, also behind a pipe.
+pbs-info --json --nodes bad.pbs | grep -o '"name": "bad[^"]*"'
+pbs-import -q --split 5000 --keep-going bad.gltf 2>/dev/null | pbs-gbuffer -q -n 100 | pbs-info --json --nodes - | grep -o '"name": "bad[^"]*"'
+status pbs-build -m 1Mi --keep-going bad.gltf -o none.pbs 2>/dev/null
 echo "== pictures that are not there, and that are none"
 cat >square.obj <<X
 mtllib square.mtl
