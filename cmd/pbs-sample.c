@@ -124,7 +124,7 @@ static pbs_code emit(job *j, pbs_node *node, const uint32_t *order, const float 
     add_totals(j, r, &surfels, &even);
     pbs_points_free(run, &surfels);
     node->records = r->count;
-    node->flags = 0;
+    node->flags = node->wanted = 0;
     node->covering = r->covering;
     node->median = even.median;
     node->median_count = even.count;
