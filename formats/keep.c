@@ -20,6 +20,11 @@ struct pbs_keep {
     bool open;
     kept *nodes;
     size_t count, cap;
+    struct { /* the answer before: one part is often placed many times at one scale */
+        uint32_t node;
+        double radius, covered;
+        size_t prefix;
+    } last;
 };
 
 pbs_code pbs_keep_new(pbs_run *run, uint32_t channels, pbs_keep **out, pbs_err *err) {
@@ -110,8 +115,8 @@ static pbs_code read_at(pbs_keep *k, uint64_t at, void *to, size_t bytes, pbs_er
     return rc;
 }
 
-pbs_code pbs_keep_prefix(pbs_keep *k, uint32_t node, double radius, size_t *prefix, double *covered,
-                         pbs_err *err) {
+static pbs_code search(pbs_keep *k, uint32_t node, double radius, size_t *prefix, double *covered,
+                       pbs_err *err) {
     const kept *n = find(k, node);
     *prefix = 0;
     *covered = 0;
@@ -130,6 +135,20 @@ pbs_code pbs_keep_prefix(pbs_keep *k, uint32_t node, double radius, size_t *pref
             low = mid + 1;
     }
     *prefix = low;
+    return PBS_OK;
+}
+
+pbs_code pbs_keep_prefix(pbs_keep *k, uint32_t node, double radius, size_t *prefix, double *covered,
+                         pbs_err *err) {
+    if (!k->last.prefix || k->last.node != node || k->last.radius != radius) {
+        pbs_code rc = search(k, node, radius, &k->last.prefix, &k->last.covered, err);
+        if (rc) k->last.prefix = 0;
+        if (rc) return rc;
+        k->last.node = node;
+        k->last.radius = radius;
+    }
+    *prefix = k->last.prefix;
+    *covered = k->last.covered;
     return PBS_OK;
 }
 
