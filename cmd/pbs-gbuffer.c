@@ -137,18 +137,19 @@ static void source_name(const job *j, char *name, size_t size) {
 }
 
 /* A scene's root often has no name; the file's is better than none. */
-static const char *name_of(const job *j, const char *source) {
+static const char *name_of(const job *j, char *source, size_t size) {
     const char *name = j->scene.nodes[j->node].name;
-    return *name || j->node + 1 < j->scene.node_count ? name : source;
+    if (*name || j->node + 1 < j->scene.node_count) return name;
+    source_name(j, source, size);
+    return source;
 }
 
 static pbs_code write_node(job *j, pbs_err *err) {
     char source[512];
-    source_name(j, source, sizeof source);
     const pbs_node *from = &j->scene.nodes[j->node];
     const pbs_planned *plan = &j->plan.nodes[j->node];
     pbs_node n = {.id = j->node,
-                  .name = name_of(j, source),
+                  .name = name_of(j, source, sizeof source),
                   .box = plan->box,
                   .triangles = from->triangles,
                   .records = j->written,

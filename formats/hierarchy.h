@@ -7,9 +7,10 @@
  * wrapper of one child leaves it to that child.
  *
  * Bottom-up, what stands in a node's picture for the nodes below is their surfels where these are
- * dense enough (pbs_lod_fine), and else what is in them: geometry, or nodes further down. Both
- * programs that need to know decide by the same rule from the same numbers: pbs-gbuffer draws the
- * geometry, pbs-sample adds the surfels. Top-down, everything is geometry.
+ * dense enough and saw it from the same sides (pbs_lod_fine), and else what is in them: geometry,
+ * or nodes further down. Both programs that need to know decide by the same rule from the same
+ * numbers: pbs-gbuffer draws the geometry, pbs-sample adds the surfels. Top-down, everything is
+ * geometry.
  */
 #ifndef PBS_HIERARCHY_H
 #define PBS_HIERARCHY_H

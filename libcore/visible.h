@@ -6,9 +6,11 @@
  * it faces. Candidates are the surfels themselves, not pixels of their discs: they never leave the
  * surface, however many levels lie above each other, and keep their colours.
  *
- * In front means: not deeper than the nearest disc by more than a disc's radius and a pixel and a
- * half, so that a surface does not hide itself where it is seen at an angle or bends. What lies
- * closer together than that and faces the same way is all kept.
+ * In front means: not deeper than the nearest disc by more than that disc's radius and a pixel and
+ * a half, so that a surface does not hide itself where it is seen at an angle or bends. What lies
+ * closer together than that and faces the same way is all kept. Discs are drawn with 0.7 of their
+ * radius, so some of what lies behind them shows through: rather a candidate that nobody sees than
+ * a hole.
  */
 #ifndef PBS_VISIBLE_H
 #define PBS_VISIBLE_H
@@ -22,9 +24,10 @@ typedef struct pbs_cloud {
     const pbs_points *points; /* position; normal NULL: discs face the viewer */
     size_t count;             /* the first so many */
     double m[12];             /* to the frame of the views */
-    double
-        radius; /* of the discs, in the frame of the views; 0: each hides what is behind it only
-                   in the view in the middle of whose pixel it lies, which is where it was seen */
+    /* Of the discs, in the frame of the views. 0: candidates of the views themselves; each hides
+     * what is behind it only in the view in the middle of whose pixel it lies, where it was seen.
+     */
+    double radius;
 } pbs_cloud;
 
 typedef struct pbs_visible pbs_visible; /* buffers, reused from node to node */
