@@ -118,38 +118,19 @@ static pbs_code draw_node(job *j, pbs_err *err) {
     return rc;
 }
 
-/* The file that the scene was imported from: the end of the history's first line, behind the
- * options; "" if it was a pipe. The stream may come through a pipe itself, and that has no name. */
-static void source_name(const job *j, char *name, size_t size) {
-    static const char stage[] = "stage pbs-import ", pipe[] = "standard input\n";
-    const char *p = pbs_scene_history(&j->scene);
-    *name = 0;
-    if (strncmp(p, stage, sizeof stage - 1)) return;
-    p += sizeof stage - 1;
-    while (!strncmp(p, "--", 2)) {
-        bool value = !strncmp(p, "--split ", 8) || !strncmp(p, "--group ", 8);
-        for (int words = value ? 2 : 1; words; words--) {
-            p += strcspn(p, " \n");
-            p += *p == ' ';
-        }
-    }
-    if (strncmp(p, pipe, sizeof pipe - 1)) snprintf(name, size, "%.*s", (int)strcspn(p, "\n"), p);
-}
-
 /* A scene's root often has no name; the file's is better than none. */
-static const char *name_of(const job *j, char *source, size_t size) {
-    const char *name = j->scene.nodes[j->node].name;
-    if (*name || j->node + 1 < j->scene.node_count) return name;
-    source_name(j, source, size);
-    return source;
+static const char *name_of(const job *j, char *title, size_t size) {
+    if (j->node + 1 < j->scene.node_count) return j->scene.nodes[j->node].name;
+    pbs_scene_title(&j->scene, title, size);
+    return title;
 }
 
 static pbs_code write_node(job *j, pbs_err *err) {
-    char source[512];
+    char title[512];
     const pbs_node *from = &j->scene.nodes[j->node];
     const pbs_planned *plan = &j->plan.nodes[j->node];
     pbs_node n = {.id = j->node,
-                  .name = name_of(j, source, sizeof source),
+                  .name = name_of(j, title, sizeof title),
                   .box = plan->box,
                   .triangles = from->triangles,
                   .records = j->written,

@@ -88,6 +88,11 @@ pbs_code pbs_scene_open(pbs_run *run, const char *path, const pbs_scene_options 
                         pbs_scene *out, pbs_err *err);
 /* The provenance of the scene for the next header: whole lines. */
 const char *pbs_scene_history(const pbs_scene *s);
+/* The root's name, or that of the file that the scene was imported from; "" if that was a pipe. */
+void pbs_scene_title(const pbs_scene *s, char *out, size_t size);
+/* The MATL chunks as they are, for files whose records name materials by number. The textures that
+ * they refer to do not come with them. Errors: PBS_IO. */
+pbs_code pbs_scene_copy_materials(const pbs_scene *s, pbs_writer *w, pbs_err *err);
 void pbs_scene_close(pbs_scene *s);
 
 /* All placed meshes below the root, in the frame whose origin is *origin (chosen here: the middle

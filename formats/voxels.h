@@ -26,7 +26,7 @@
 #define PBS_TAG_VOXELS PBS_TAG('V', 'O', 'X', 'L')
 #define PBS_TAG_FACES  PBS_TAG('V', 'F', 'A', 'C')
 
-#define PBS_VOXELS_CHUNK  (1u << 20)
+#define PBS_VOXELS_CHUNK  (1u << 18)
 #define PBS_VOXELS_HEADER 64
 
 enum { PBS_VFAC_COLOUR = 1 << 12 }; /* flag of VFAC chunks */
