@@ -1,0 +1,375 @@
+/* separate.c: the six-separating cells of triangles (paper 2, section 3; Laine 2013).
+ *
+ * Most triangles of a detailed scene are smaller than a cell and hold no middle of a pixel, seen
+ * along any axis: four at a time are looked at until that is known. Those that are small but hold
+ * some are finished four at a time as well, if doubles decide. What is larger, or undecided, is
+ * drawn row by row.
+ *
+ * The file is compiled twice, for any processor and, by separate_avx2.c, for AVX2.
+ */
+#include "libcore/separate_inner.h"
+
+#ifndef PBS_SEPARATE_NAME
+#define PBS_SEPARATE_NAME(name) name
+#define PBS_SEPARATE_ONCE
+#endif
+
+#define LOW  (-1)      /* the cells of the block and the layer around it */
+#define HIGH PBS_BLOCK /* the last of them */
+
+static uint32_t cell_step(int axis) {
+    return (uint32_t)1 << 7 * axis;
+}
+
+/* ---- lines that run within the triangle's plane ---- */
+
+/* The cells of a line along axis a from depth cell e to f, in either order. */
+static void put_interval(const shape *s, int a, const int at[3], int e, int f, pbs_hits *out) {
+    int lo = e < f ? e : f, hi = e < f ? f : e, c[3] = {at[0], at[1], at[2]};
+    lo = lo > LOW ? lo : LOW;
+    hi = hi < HIGH ? hi : HIGH;
+    if (lo > hi) return;
+    c[a] = lo;
+    hits_run(out, PBS_CELL(c[0], c[1], c[2]), cell_step(a), hi - lo + 1, s->number);
+}
+
+/* Corners along an axis, lowest first. Returns whether that is an odd permutation. */
+static bool sort_corners(const shape *s, int axis, const double *o[3]) {
+    bool odd = false;
+    for (int i = 0; i < 3; i++) o[i] = s->p[i];
+    for (int i = 0; i < 3; i++) {
+        const double **x = i == 1 ? o + 1 : o;
+        if (x[0][axis] <= x[1][axis]) continue;
+        const double *swap = x[0];
+        x[0] = x[1], x[1] = swap;
+        odd = !odd;
+    }
+    return odd;
+}
+
+/* The two sides of a section through a triangle whose corners o are sorted by row: the long edge,
+ * and what is opposite to it: a corner, where the row goes through it. */
+typedef struct section {
+    side across, lower, upper, corner;
+    double row;
+} section;
+
+static section section_of(const double *const o[3], int row, int axis) {
+    return (section){side_of(o[0], o[2], row, axis), side_of(o[0], o[1], row, axis),
+                     side_of(o[1], o[2], row, axis), side_of(o[1], o[1], row, axis), o[1][row]};
+}
+
+static const side *section_other(const section *s, double row) {
+    return row < s->row ? &s->lower : row > s->row ? &s->upper : &s->corner;
+}
+
+/* Seen along axis a the triangle is a segment, or a point. */
+static void draw_edge_on(const shape *s, int a, pbs_hits *out) {
+    int u = (a + 1) % 3, v = (a + 2) % 3, at[3];
+    if (s->max[v] - s->min[v] > s->max[u] - s->min[u]) v = u, u = (a + 2) % 3;
+    at[a] = 0;
+    if (s->max[u] == s->min[u]) {
+        at[u] = s->first[u], at[v] = s->first[v];
+        put_interval(s, a, at, (int)floor(s->min[a]), (int)floor(s->max[a]), out);
+        return;
+    }
+    const double *o[3];
+    sort_corners(s, u, o);
+    side line = side_of(o[0], o[2], u, v);
+    section depth = section_of(o, u, a);
+    for (at[u] = s->first[u]; at[u] <= s->last[u]; at[u]++) {
+        double row = at[u] + 0.5;
+        at[v] = side_ceil(&line, row, 0.5);
+        if (at[v] != side_floor(&line, row, 0.5) || at[v] < LOW || at[v] > HIGH) continue;
+        int e = side_floor(&depth.across, row, 0);
+        put_interval(s, a, at, e, side_floor(section_other(&depth, row), row, 0), out);
+    }
+}
+
+/* ---- lines that cross the plane ---- */
+
+/* Depth as a function of the line: at + (row - from[0]) * slope[0] + (column - from[1]) * slope[1].
+ * error is more than all rounding errors of what is looked at. */
+typedef struct plane {
+    shape *s;
+    int a, row, column;
+    double at, from[2], slope[2], error;
+    bool cut; /* whether depths may be outside the block */
+} plane;
+
+static double farther(double from, const shape *s, int axis) {
+    double a = fabs(s->first[axis] + 0.5 - from), b = fabs(s->last[axis] + 0.5 - from);
+    return a > b ? a : b;
+}
+
+/* Two components of the normal have errors of 2^-44, so a slope has one of 2^-42.9; the rest of
+ * 2^-42 is for the rounding of what is computed with them. A plane across the axis is exact. */
+static void plane_of(plane *p, shape *s, int a, int row, int column) {
+    *p = (plane){s, a, row, column, .at = s->p[0][a]};
+    p->from[0] = s->p[0][row], p->from[1] = s->p[0][column];
+    p->slope[0] = -s->n[row] / s->n[a], p->slope[1] = -s->n[column] / s->n[a];
+    p->cut = s->min[a] < LOW || s->max[a] >= HIGH + 1;
+    if (s->n[row] == 0 && s->n[column] == 0) return;
+    p->error = 0x1p-42 * (fabs(p->at) + fabs(p->slope[0]) * farther(p->from[0], s, row) +
+                          fabs(p->slope[1]) * farther(p->from[1], s, column));
+}
+
+/* The cell of a depth that doubles do not decide; LOW - 1 or HIGH + 1 if it is further out. */
+__attribute__((noinline)) static int depth_exact(const plane *p, const int at[3], double z) {
+    if (p->error < 0.25) {
+        if (z > HIGH + 2 || z < LOW - 1) return LOW - 1;
+        int k = (int)floor(z + p->error);
+        return depth_at_least(p->s, p->a, at, k) ? k : k - 1;
+    }
+    int lo = LOW - 1, hi = HIGH + 2; /* at least lo, as far as we care; less than hi */
+    while (hi - lo > 1) {
+        int middle = lo + (hi - lo) / 2;
+        if (depth_at_least(p->s, p->a, at, middle))
+            lo = middle;
+        else
+            hi = middle;
+    }
+    return lo;
+}
+
+/* The lanes in `open` of k, the floors of the depths z; lane 0 is at column c. */
+static d4 decide(const plane *p, int at[3], int c, d4 z, d4 k, unsigned open) {
+    double depth[4], cell[4];
+    d4_put(depth, z), d4_put(cell, k);
+    for (; open; open &= open - 1) {
+        int i = __builtin_ctz(open);
+        at[p->column] = c + i;
+        cell[i] = depth_exact(p, at, depth[i]);
+    }
+    return d4_at(cell);
+}
+
+/* Narrows the columns to those whose depths may be in the block. */
+static void cut_columns(const plane *p, double row_z, int *c0, int *c1) {
+    double slope = p->slope[1], margin = p->error + 0x1p-10;
+    if (slope == 0) return;
+    double x = p->from[1] - 0.5 + (LOW - margin - row_z) / slope;
+    double y = p->from[1] - 0.5 + (HIGH + 1 + margin - row_z) / slope;
+    double lo = slope > 0 ? x : y, hi = slope > 0 ? y : x;
+    if (lo > *c0) *c0 = lo < *c1 ? (int)ceil(lo - 0x1p-10) : *c1 + 1;
+    if (hi < *c1) *c1 = hi > *c0 ? (int)floor(hi + 0x1p-10) : *c0 - 1;
+}
+
+/* One row, columns c0 .. c1, which are not empty. */
+static void draw_row(const plane *p, int row, int c0, int c1, pbs_hits *out) {
+    double row_z = p->at + (row + 0.5 - p->from[0]) * p->slope[0];
+    if (p->cut) cut_columns(p, row_z, &c0, &c1);
+    if (c0 > c1) return;
+    hits_room(out, (uint32_t)(c1 - c0) + 4);
+    const d4 low = d4_all(LOW - 1), high = d4_all(HIGH + 1), error = d4_all(p->error);
+    const d4 slope = d4_all(p->slope[1]), from = d4_all(p->from[1]), base = d4_all(row_z);
+    int at[3] = {0, 0, 0};
+    at[p->row] = row;
+    at[p->a] = 0;
+    d4 first = d4_all(PBS_CELL(at[0], at[1], at[2])), deep = d4_all(cell_step(p->a));
+    for (int c = c0; c <= c1; c += 4) {
+        d4 column = d4_add(d4_all(c), d4_ramp());
+        d4 z = d4_sub(d4_add(column, d4_all(0.5)), from);
+        z = d4_add(base, d4_mul(z, slope));
+        d4 k = d4_floor(d4_add(z, error));
+        unsigned in = c1 - c >= 3 ? 15 : (1u << (c1 - c + 1)) - 1;
+        unsigned open = d4_differ(k, d4_floor(d4_sub(z, error))) & in;
+        if (open) k = decide(p, at, c, z, k, open);
+        in &= d4_less(low, k) & d4_less(k, high);
+        d4 cells = d4_add(first, d4_mul(column, d4_all(cell_step(p->column))));
+        hits_put(out, d4_add(cells, d4_mul(k, deep)), p->s->number, 0, in);
+    }
+}
+
+static void draw_plane(shape *s, int a, pbs_hits *out) {
+    int row = (a + 1) % 3, column = (a + 2) % 3;
+    if (s->last[row] - s->first[row] > s->last[column] - s->first[column])
+        column = row, row = (a + 2) % 3;
+    const double *o[3];
+    bool odd = sort_corners(s, row, o);
+    /* Whether the middle corner is on the high side of the edge between the others. */
+    bool high = (s->n[a] > 0) ^ odd ^ (column != (a + 1) % 3);
+    section edges = section_of(o, row, column);
+    plane p;
+    plane_of(&p, s, a, row, column);
+    for (int r = s->first[row]; r <= s->last[row]; r++) {
+        double at = r + 0.5;
+        const side *other = section_other(&edges, at);
+        int c0 = side_ceil(high ? &edges.across : other, at, 0.5);
+        int c1 = side_floor(high ? other : &edges.across, at, 0.5);
+        c0 = c0 > s->first[column] ? c0 : s->first[column];
+        c1 = c1 < s->last[column] ? c1 : s->last[column];
+        if (c0 <= c1) draw_row(&p, r, c0, c1, out);
+    }
+}
+
+/* ---- whole triangles ---- */
+
+/* Whether the box of block and layer is on one side of the triangle's plane, or of the triangle
+ * seen along an axis: a separating axis, in doubles with a margin. */
+static bool misses(const shape *s) {
+    const double middle = (LOW + HIGH + 1) * 0.5, half = (HIGH + 1 - LOW) * 0.5;
+    double q[3][3], at = 0, reach = 0, size = 0;
+    for (int c = 0; c < 3; c++)
+        for (int k = 0; k < 3; k++) q[c][k] = s->p[c][k] - middle;
+    for (int k = 0; k < 3; k++) {
+        at += s->n[k] * q[0][k];
+        size += fabs(s->n[k]) * fabs(q[0][k]), reach += fabs(s->n[k]) * half;
+    }
+    if (fabs(at) > reach * (1 + 0x1p-30) + size * 0x1p-40) return true;
+    for (int a = 0; a < 3; a++) {
+        int u = (a + 1) % 3, v = (a + 2) % 3;
+        for (int c = 0; c < 3; c++) {
+            const double *b = q[c], *e = q[(c + 1) % 3];
+            double du = e[u] - b[u], dv = e[v] - b[v];
+            double f = dv * b[u] - du * b[v]; /* at the middle; inside it has the sign of n */
+            double margin = (fabs(du) + fabs(dv)) * half * (1 + 0x1p-30) +
+                            (fabs(dv * b[u]) + fabs(du * b[v])) * 0x1p-40;
+            if (f < -margin && s->n[a] >= 0) return true;
+            if (f > margin && s->n[a] <= 0) return true;
+        }
+    }
+    return false;
+}
+
+/* axes: bit a: draw it as seen along axis a. */
+static void draw(const pbs_triangles *t, uint32_t i, unsigned axes, pbs_hits *out) {
+    shape s;
+    bool large = false, cut = false;
+    s.exact = false, s.number = i;
+    for (int k = 0; k < 3; k++) {
+        for (int c = 0; c < 3; c++) s.p[c][k] = t->p[c][k][i];
+        s.min[k] = t->min[k][i], s.max[k] = t->max[k][i];
+        double first = ceil(s.min[k] - 0.5), last = floor(s.max[k] - 0.5);
+        s.first[k] = first > LOW ? (int)fmin(first, HIGH + 1) : LOW;
+        s.last[k] = last < HIGH ? (int)fmax(last, LOW - 1) : HIGH;
+        large |= s.max[k] - s.min[k] > 8;
+        cut |= s.min[k] < LOW || s.max[k] > HIGH + 1;
+    }
+    shape_normal(&s);
+    if (large && cut && misses(&s)) return;
+    for (int a = 0; a < 3; a++) {
+        if (!(axes >> a & 1)) continue;
+        if (s.n[a] == 0)
+            draw_edge_on(&s, a, out);
+        else
+            draw_plane(&s, a, out);
+    }
+}
+
+/* ---- four triangles ---- */
+
+/* What is known of four triangles from their boxes. */
+typedef struct four {
+    d4 min[3], max[3], first[3], last[3];
+} four;
+
+/* Lanes whose box, shorter than 2, holds middles of the lines along axis a. Returns the lanes that
+ * are not decided.
+ *
+ * Relative to a middle within the box all coordinates are less than 2, so an edge function has an
+ * error of less than 2^-49. Of a line that is inside by more than that, the depth over the lowest
+ * corner is a mean with weights e / (e0 + e1 + e2) of numbers up to `range`: the weights' errors
+ * are 6 * 2^-49 / sum together, and rounding is less than 2^-48. */
+static unsigned draw_small(const pbs_triangles *t, uint32_t first, int a, const four *f,
+                           unsigned lanes, pbs_hits *out) {
+    const int u = (a + 1) % 3, v = (a + 2) % 3;
+    const d4 open = d4_all(0x1p-48), zero = d4_all(0), one = d4_all(1);
+    unsigned wide = d4_less(f->first[u], f->last[u]), tall = d4_less(f->first[v], f->last[v]);
+    unsigned undecided = 0;
+    d4 low = d4_floor(f->min[a]), high = d4_floor(f->max[a]);
+    d4 range = d4_sub(f->max[a], f->min[a]);
+    for (int k = 0; k < 4; k++) {
+        unsigned in = lanes & (k & 1 ? wide : 15) & (k & 2 ? tall : 15);
+        if (!in) continue;
+        d4 at_u = k & 1 ? d4_add(f->first[u], one) : f->first[u];
+        d4 at_v = k & 2 ? d4_add(f->first[v], one) : f->first[v];
+        d4 half_u = d4_add(at_u, d4_all(0.5)), half_v = d4_add(at_v, d4_all(0.5));
+        d4 x[3], y[3], e[3];
+        for (int c = 0; c < 3; c++) {
+            x[c] = d4_sub(d4_at(t->p[c][u] + first), half_u);
+            y[c] = d4_sub(d4_at(t->p[c][v] + first), half_v);
+        }
+        for (int c = 0; c < 3; c++) {
+            int p = (c + 1) % 3, q = (c + 2) % 3;
+            e[c] = d4_sub(d4_mul(x[p], y[q]), d4_mul(y[p], x[q]));
+        }
+        d4 least = d4_min(d4_min(e[0], e[1]), e[2]), most = d4_max(d4_max(e[0], e[1]), e[2]);
+        d4 minus = d4_sub(zero, open);
+        in &= ~(d4_less(least, minus) & d4_less(open, most));
+        unsigned inside = d4_less(open, least) | d4_less(most, minus);
+        undecided |= in & ~inside;
+        in &= inside;
+        if (!in) continue;
+        d4 share = d4_div(one, d4_add(d4_add(e[0], e[1]), e[2])), z = zero;
+        for (int c = 0; c < 3; c++)
+            z = d4_add(z, d4_mul(e[c], d4_sub(d4_at(t->p[c][a] + first), f->min[a])));
+        z = d4_add(f->min[a], d4_mul(z, share));
+        d4 error = d4_add(d4_mul(d4_abs(share), d4_all(0x1p-46)), d4_all(0x1p-48));
+        error = d4_add(d4_mul(error, range), d4_all(0x1p-32));
+        d4 cell = d4_max(d4_floor(d4_sub(z, error)), low);
+        undecided |= in & d4_differ(cell, d4_min(d4_floor(d4_add(z, error)), high));
+        in &= ~undecided & d4_less(d4_all(LOW - 1), cell) & d4_less(cell, d4_all(HIGH + 1));
+        d4 code = d4_add(d4_mul(cell, d4_all(cell_step(a))), d4_all(PBS_CELL(0, 0, 0)));
+        code = d4_add(code, d4_mul(at_u, d4_all(cell_step(u))));
+        hits_put(out, d4_add(code, d4_mul(at_v, d4_all(cell_step(v)))), first, 1, in);
+    }
+    return undecided;
+}
+
+/* Triangles first .. first + 3, of which those in `lanes` exist. */
+static void separate_four(const pbs_triangles *t, uint32_t first, unsigned lanes, pbs_hits *out) {
+    const d4 half = d4_all(0.5), low = d4_all(LOW), high = d4_all(HIGH), zero = d4_all(0);
+    four f;
+    d4 width[3], size = zero;
+    for (int k = 0; k < 3; k++) {
+        f.min[k] = d4_at(t->min[k] + first), f.max[k] = d4_at(t->max[k] + first);
+        f.first[k] = d4_max(d4_ceil(d4_sub(f.min[k], half)), low);
+        f.last[k] = d4_min(d4_floor(d4_sub(f.max[k], half)), high);
+        width[k] = d4_sub(f.last[k], f.first[k]);
+        size = d4_max(size, d4_sub(f.max[k], f.min[k]));
+        lanes &= ~d4_less(f.max[k], low) & ~d4_less(d4_all(HIGH + 1), f.min[k]);
+    }
+    unsigned small = d4_less(size, d4_all(2)), axes[3], rest[3], any = 0;
+    for (int a = 0; a < 3; a++) {
+        axes[a] = lanes & ~d4_less(d4_min(width[(a + 1) % 3], width[(a + 2) % 3]), zero);
+        any |= axes[a];
+    }
+    if (!any) return;
+    hits_room(out, 48);
+    any = 0;
+    for (int a = 0; a < 3; a++) {
+        unsigned now = axes[a] & small;
+        rest[a] = axes[a] & ~small;
+        if (now) rest[a] |= draw_small(t, first, a, &f, now, out);
+        any |= rest[a];
+    }
+    for (; any; any &= any - 1) {
+        unsigned i = (unsigned)__builtin_ctz(any);
+        unsigned which = (rest[0] >> i & 1) | (rest[1] >> i & 1) << 1 | (rest[2] >> i & 1) << 2;
+        draw(t, first + i, which, out);
+    }
+}
+
+#if defined(__x86_64__) && defined(__GNUC__)
+#define PBS_SEPARATE_AVX2
+#endif
+
+void PBS_SEPARATE_NAME(pbs_separate_all)(const pbs_triangles *t, pbs_hits *out) {
+    for (uint32_t i = 0; i < t->count; i += 4)
+        separate_four(t, i, t->count - i < 4 ? (1u << (t->count - i)) - 1 : 15, out);
+}
+
+#ifdef PBS_SEPARATE_ONCE
+void pbs_separate(const pbs_triangles *t, bool simd, pbs_hits *out) {
+#ifdef PBS_SEPARATE_AVX2
+    if (simd && __builtin_cpu_supports("avx2")) {
+        pbs_separate_all_avx2(t, out);
+        return;
+    }
+#else
+    (void)simd;
+#endif
+    pbs_separate_all(t, out);
+}
+#endif
