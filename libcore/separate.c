@@ -259,60 +259,110 @@ static void draw(const pbs_triangles *t, uint32_t i, unsigned axes, pbs_hits *ou
 
 /* ---- four triangles ---- */
 
-/* What is known of four triangles from their boxes. */
+/* What is known of four triangles from their boxes: the middles in them, from `first`, and how many
+ * there are, less one. */
 typedef struct four {
-    d4 min[3], max[3], first[3], last[3];
+    d4 min[3], max[3], first[3], more[3];
 } four;
 
-/* Lanes whose box, shorter than 2, holds middles of the lines along axis a. Returns the lanes that
- * are not decided.
- *
- * Relative to a middle within the box all coordinates are less than 2, so an edge function has an
- * error of less than 2^-49. Of a line that is inside by more than that, the depth over the lowest
- * corner is a mean with weights e / (e0 + e1 + e2) of numbers up to `range`: the weights' errors
- * are 6 * 2^-49 / sum together, and rounding is less than 2^-48. */
+/* Triangles smaller than this are walked through in doubles, middle by middle. Relative to the
+ * first middle all coordinates are below 2^3, so an edge function there has an error of at most
+ * 2^-45; it stays below 2^7, so that each of at most 14 steps adds 2^-46. All is below 2^-42. */
+#define SMALL       8
+#define SMALL_ERROR 0x1p-42
+
+/* Seen along an axis: the edge functions at the first middle, and the sum of the edge functions
+ * weighted with the corners' depths over the lowest; what these change by from column to column and
+ * row to row. Positive inside. */
+typedef struct walk {
+    d4 e[4], column[4], row[4];
+    d4 area; /* twice the triangle's */
+} walk;
+
+static void walk_of(walk *w, const pbs_triangles *t, uint32_t first, int a, const four *f) {
+    const int u = (a + 1) % 3, v = (a + 2) % 3;
+    d4 at_u = d4_add(f->first[u], d4_all(0.5)), at_v = d4_add(f->first[v], d4_all(0.5));
+    d4 x[3], y[3], z[3];
+    for (int c = 0; c < 3; c++) {
+        x[c] = d4_sub(d4_at(t->p[c][u] + first), at_u);
+        y[c] = d4_sub(d4_at(t->p[c][v] + first), at_v);
+        z[c] = d4_sub(d4_at(t->p[c][a] + first), f->min[a]);
+    }
+    for (int c = 0; c < 3; c++) {
+        int p = (c + 1) % 3, q = (c + 2) % 3;
+        w->e[c] = d4_sub(d4_mul(x[p], y[q]), d4_mul(y[p], x[q]));
+        w->column[c] = d4_sub(y[p], y[q]), w->row[c] = d4_sub(x[q], x[p]);
+    }
+    d4 area = d4_add(d4_add(w->e[0], w->e[1]), w->e[2]);
+    for (int c = 0; c < 3; c++) {
+        w->e[c] = d4_turn(w->e[c], area);
+        w->column[c] = d4_turn(w->column[c], area), w->row[c] = d4_turn(w->row[c], area);
+    }
+    w->e[3] = d4_dot3(w->e, z), w->column[3] = d4_dot3(w->column, z);
+    w->row[3] = d4_dot3(w->row, z);
+    w->area = d4_abs(area);
+}
+
+/* How the cells of four depths are found: depth = low + e[3] * share. */
+typedef struct depths {
+    d4 low, share, error, floor_low, floor_high;
+} depths;
+
+/* e[3] is below 2^9 range, and with its 14 steps has an error below 2^-39 range; that of the area
+ * is below 2^-43, and of the depth, in the mean's place, at most as much of the range. */
+static void depths_of(depths *d, const walk *w, const four *f, int a) {
+    d->low = f->min[a], d->share = d4_div(d4_all(1), w->area);
+    d->error = d4_add(d4_mul(d->share, d4_all(0x1p-38)), d4_all(0x1p-50));
+    d->error = d4_add(d4_mul(d->error, d4_sub(f->max[a], f->min[a])), d4_all(0x1p-32));
+    d->floor_low = d4_floor(f->min[a]), d->floor_high = d4_floor(f->max[a]);
+}
+
+/* The cells; *open: the lanes that are not decided. */
+static d4 depths_floor(const depths *d, d4 e, unsigned *open) {
+    d4 z = d4_add(d->low, d4_mul(e, d->share));
+    d4 cell = d4_max(d4_floor(d4_sub(z, d->error)), d->floor_low);
+    *open = d4_differ(cell, d4_min(d4_floor(d4_add(z, d->error)), d->floor_high));
+    return cell;
+}
+
+/* The triangles of `lanes`, which are small and whose box holds middles of the lines along axis a.
+ * Returns those that are not decided. */
 static unsigned draw_small(const pbs_triangles *t, uint32_t first, int a, const four *f,
                            unsigned lanes, pbs_hits *out) {
     const int u = (a + 1) % 3, v = (a + 2) % 3;
-    const d4 open = d4_all(0x1p-48), zero = d4_all(0), one = d4_all(1);
-    unsigned wide = d4_less(f->first[u], f->last[u]), tall = d4_less(f->first[v], f->last[v]);
-    unsigned undecided = 0;
-    d4 low = d4_floor(f->min[a]), high = d4_floor(f->max[a]);
-    d4 range = d4_sub(f->max[a], f->min[a]);
-    for (int k = 0; k < 4; k++) {
-        unsigned in = lanes & (k & 1 ? wide : 15) & (k & 2 ? tall : 15);
-        if (!in) continue;
-        d4 at_u = k & 1 ? d4_add(f->first[u], one) : f->first[u];
-        d4 at_v = k & 2 ? d4_add(f->first[v], one) : f->first[v];
-        d4 half_u = d4_add(at_u, d4_all(0.5)), half_v = d4_add(at_v, d4_all(0.5));
-        d4 x[3], y[3], e[3];
-        for (int c = 0; c < 3; c++) {
-            x[c] = d4_sub(d4_at(t->p[c][u] + first), half_u);
-            y[c] = d4_sub(d4_at(t->p[c][v] + first), half_v);
+    const d4 zero = d4_all(0), one = d4_all(1);
+    const d4 open = d4_all(SMALL_ERROR), minus = d4_all(-SMALL_ERROR);
+    const d4 step_u = d4_all(cell_step(u)), step_v = d4_all(cell_step(v));
+    const d4 step_a = d4_all(cell_step(a));
+    walk w;
+    depths deep;
+    walk_of(&w, t, first, a, f);
+    depths_of(&deep, &w, f, a);
+    unsigned undecided = lanes & ~d4_less(open, w.area), row = lanes & ~undecided;
+    d4 code = d4_add(d4_mul(f->first[u], step_u), d4_mul(f->first[v], step_v));
+    code = d4_add(code, d4_all(PBS_CELL(0, 0, 0)));
+    for (d4 rows = f->more[v]; row;) {
+        d4 e0 = w.e[0], e1 = w.e[1], e2 = w.e[2], e3 = w.e[3], cells = code, columns = f->more[u];
+        hits_room(out, 4 * SMALL);
+        for (unsigned in = row; in;) {
+            d4 least = d4_min(d4_min(e0, e1), e2);
+            unsigned now = in & ~d4_less(least, minus);
+            if (now) {
+                unsigned vague, sure = d4_less(open, least);
+                d4 cell = depths_floor(&deep, e3, &vague);
+                undecided |= now & (~sure | vague);
+                now &=
+                    ~undecided & d4_less(d4_all(LOW - 1), cell) & d4_less(cell, d4_all(HIGH + 1));
+                hits_put(out, d4_add(cells, d4_mul(cell, step_a)), first, 1, now);
+            }
+            columns = d4_sub(columns, one), in &= ~d4_less(columns, zero);
+            e0 = d4_add(e0, w.column[0]), e1 = d4_add(e1, w.column[1]);
+            e2 = d4_add(e2, w.column[2]), e3 = d4_add(e3, w.column[3]);
+            cells = d4_add(cells, step_u);
         }
-        for (int c = 0; c < 3; c++) {
-            int p = (c + 1) % 3, q = (c + 2) % 3;
-            e[c] = d4_sub(d4_mul(x[p], y[q]), d4_mul(y[p], x[q]));
-        }
-        d4 least = d4_min(d4_min(e[0], e[1]), e[2]), most = d4_max(d4_max(e[0], e[1]), e[2]);
-        d4 minus = d4_sub(zero, open);
-        in &= ~(d4_less(least, minus) & d4_less(open, most));
-        unsigned inside = d4_less(open, least) | d4_less(most, minus);
-        undecided |= in & ~inside;
-        in &= inside;
-        if (!in) continue;
-        d4 share = d4_div(one, d4_add(d4_add(e[0], e[1]), e[2])), z = zero;
-        for (int c = 0; c < 3; c++)
-            z = d4_add(z, d4_mul(e[c], d4_sub(d4_at(t->p[c][a] + first), f->min[a])));
-        z = d4_add(f->min[a], d4_mul(z, share));
-        d4 error = d4_add(d4_mul(d4_abs(share), d4_all(0x1p-46)), d4_all(0x1p-48));
-        error = d4_add(d4_mul(error, range), d4_all(0x1p-32));
-        d4 cell = d4_max(d4_floor(d4_sub(z, error)), low);
-        undecided |= in & d4_differ(cell, d4_min(d4_floor(d4_add(z, error)), high));
-        in &= ~undecided & d4_less(d4_all(LOW - 1), cell) & d4_less(cell, d4_all(HIGH + 1));
-        d4 code = d4_add(d4_mul(cell, d4_all(cell_step(a))), d4_all(PBS_CELL(0, 0, 0)));
-        code = d4_add(code, d4_mul(at_u, d4_all(cell_step(u))));
-        hits_put(out, d4_add(code, d4_mul(at_v, d4_all(cell_step(v)))), first, 1, in);
+        rows = d4_sub(rows, one), row &= ~d4_less(rows, zero) & ~undecided;
+        for (int c = 0; c < 4; c++) w.e[c] = d4_add(w.e[c], w.row[c]);
+        code = d4_add(code, step_v);
     }
     return undecided;
 }
@@ -321,22 +371,20 @@ static unsigned draw_small(const pbs_triangles *t, uint32_t first, int a, const 
 static void separate_four(const pbs_triangles *t, uint32_t first, unsigned lanes, pbs_hits *out) {
     const d4 half = d4_all(0.5), low = d4_all(LOW), high = d4_all(HIGH), zero = d4_all(0);
     four f;
-    d4 width[3], size = zero;
+    d4 size = zero;
     for (int k = 0; k < 3; k++) {
         f.min[k] = d4_at(t->min[k] + first), f.max[k] = d4_at(t->max[k] + first);
         f.first[k] = d4_max(d4_ceil(d4_sub(f.min[k], half)), low);
-        f.last[k] = d4_min(d4_floor(d4_sub(f.max[k], half)), high);
-        width[k] = d4_sub(f.last[k], f.first[k]);
+        f.more[k] = d4_sub(d4_min(d4_floor(d4_sub(f.max[k], half)), high), f.first[k]);
         size = d4_max(size, d4_sub(f.max[k], f.min[k]));
         lanes &= ~d4_less(f.max[k], low) & ~d4_less(d4_all(HIGH + 1), f.min[k]);
     }
-    unsigned small = d4_less(size, d4_all(2)), axes[3], rest[3], any = 0;
+    unsigned small = d4_less(size, d4_all(SMALL)), axes[3], rest[3], any = 0;
     for (int a = 0; a < 3; a++) {
-        axes[a] = lanes & ~d4_less(d4_min(width[(a + 1) % 3], width[(a + 2) % 3]), zero);
+        axes[a] = lanes & ~d4_less(d4_min(f.more[(a + 1) % 3], f.more[(a + 2) % 3]), zero);
         any |= axes[a];
     }
     if (!any) return;
-    hits_room(out, 48);
     any = 0;
     for (int a = 0; a < 3; a++) {
         unsigned now = axes[a] & small;

@@ -57,6 +57,10 @@ static inline d4 d4_ceil(d4 a) {
 static inline d4 d4_abs(d4 a) {
     return _mm256_andnot_pd(_mm256_set1_pd(-0.0), a);
 }
+/* a, negated where s is negative */
+static inline d4 d4_turn(d4 a, d4 s) {
+    return _mm256_xor_pd(a, _mm256_and_pd(s, _mm256_set1_pd(-0.0)));
+}
 /* Bit i: a[i] < b[i] */
 static inline unsigned d4_less(d4 a, d4 b) {
     return (unsigned)_mm256_movemask_pd(_mm256_cmp_pd(a, b, _CMP_LT_OQ));
@@ -115,6 +119,9 @@ static inline d4 d4_ceil(d4 a) {
 static inline d4 d4_abs(d4 a) {
     D4_LANES(fabs(a.v[i]));
 }
+static inline d4 d4_turn(d4 a, d4 s) {
+    D4_LANES(s.v[i] < 0 ? -a.v[i] : a.v[i]);
+}
 static inline unsigned d4_less(d4 a, d4 b) {
     D4_BITS(a.v[i] < b.v[i]);
 }
@@ -124,6 +131,10 @@ static inline unsigned d4_differ(d4 a, d4 b) {
 #undef D4_LANES
 #undef D4_BITS
 #endif
+
+static inline d4 d4_dot3(const d4 a[3], const d4 b[3]) {
+    return d4_add(d4_add(d4_mul(a[0], b[0]), d4_mul(a[1], b[1])), d4_mul(a[2], b[2]));
+}
 
 /* ---- hits ---- */
 

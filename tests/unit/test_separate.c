@@ -138,7 +138,7 @@ static void keep(void *ctx, pbs_hits *h) {
         l->room = 2 * (l->count + h->count);
         l->hit = realloc(l->hit, l->room * sizeof *l->hit);
     }
-    memcpy(l->hit + l->count, h->hit, h->count * sizeof *h->hit);
+    for (uint32_t i = 0; i < h->count; i++) l->hit[l->count + i] = h->hit[i];
     l->count += h->count, h->count = 0;
 }
 
