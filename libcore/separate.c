@@ -30,7 +30,7 @@ static void put_interval(const shape *s, int a, const int at[3], int e, int f, p
     hi = hi < HIGH ? hi : HIGH;
     if (lo > hi) return;
     c[a] = lo;
-    hits_run(out, PBS_CELL(c[0], c[1], c[2]), cell_step(a), hi - lo + 1, s->number);
+    hits_run(out, PBS_CELL(c[0], c[1], c[2]), cell_step(a), hi - lo + 1, s->number[0]);
 }
 
 /* Corners along an axis, lowest first. Returns whether that is an odd permutation. */
@@ -177,7 +177,7 @@ static void draw_row(const plane *p, int row, int c0, int c1, pbs_hits *out) {
         if (open) k = decide(p, at, c, z, k, open);
         in &= d4_less(low, k) & d4_less(k, high);
         d4 cells = d4_add(first, d4_mul(column, d4_all(cell_step(p->column))));
-        hits_put(out, d4_add(cells, d4_mul(k, deep)), p->s->number, 0, in);
+        hits_put(out, d4_add(cells, d4_mul(k, deep)), p->s->number, in);
     }
 }
 
@@ -236,7 +236,8 @@ static bool misses(const shape *s) {
 static void draw(const pbs_triangles *t, uint32_t i, unsigned axes, pbs_hits *out) {
     shape s;
     bool large = false, cut = false;
-    s.exact = false, s.number = i;
+    s.exact = false;
+    for (int k = 0; k < 4; k++) s.number[k] = i;
     for (int k = 0; k < 3; k++) {
         for (int c = 0; c < 3; c++) s.p[c][k] = t->p[c][k][i];
         s.min[k] = t->min[k][i], s.max[k] = t->max[k][i];
@@ -259,48 +260,75 @@ static void draw(const pbs_triangles *t, uint32_t i, unsigned axes, pbs_hits *ou
 
 /* ---- four triangles ---- */
 
-/* What is known of four triangles from their boxes: the middles in them, from `first`, and how many
- * there are, less one. */
-typedef struct four {
-    d4 min[3], max[3], first[3], more[3];
-} four;
-
 /* Triangles smaller than this are walked through in doubles, middle by middle. Relative to the
  * first middle all coordinates are below 2^3, so an edge function there has an error of at most
- * 2^-45; it stays below 2^7, so that each of at most 14 steps adds 2^-46. All is below 2^-42. */
+ * 2^-45; it stays below 2^7, so that each of at most 14 steps adds 2^-46. All is below 2^-42.
+ *
+ * The three sum to the area, which has one sign with them inside. If the area has none that is
+ * certain, and one of them is below -16 errors, then another is above an error: outside all the
+ * same. So that bound serves all triangles. */
 #define SMALL       8
 #define SMALL_ERROR 0x1p-42
+#define SMALL_OUT   (-16 * SMALL_ERROR)
 
-/* Seen along an axis: the edge functions at the first middle, and the sum of the edge functions
- * weighted with the corners' depths over the lowest; what these change by from column to column and
- * row to row. Positive inside. */
-typedef struct walk {
-    d4 e[4], column[4], row[4];
-    d4 area; /* twice the triangle's */
-} walk;
-
-static void walk_of(walk *w, const pbs_triangles *t, uint32_t first, int a, const four *f) {
-    const int u = (a + 1) % 3, v = (a + 2) % 3;
-    d4 at_u = d4_add(f->first[u], d4_all(0.5)), at_v = d4_add(f->first[v], d4_all(0.5));
+/* Four triangles seen along axis a: corners relative to the first middle in the box, and depths
+ * over the lowest. */
+typedef struct four {
+    int a, u, v;
+    uint32_t index[4];
     d4 x[3], y[3], z[3];
+    d4 first_u, first_v, low, high;
+} four;
+
+static inline d4 min3(const d4 a[3]) {
+    return d4_min(d4_min(a[0], a[1]), a[2]);
+}
+static inline d4 max3(const d4 a[3]) {
+    return d4_max(d4_max(a[0], a[1]), a[2]);
+}
+
+static inline d4 first_middle(d4 min) {
+    return d4_max(d4_ceil(d4_sub(min, d4_all(0.5))), d4_all(LOW));
+}
+
+static inline void four_of(four *f, const pbs_triangles *t, int a) {
+    f->a = a, f->u = (a + 1) % 3, f->v = (a + 2) % 3;
     for (int c = 0; c < 3; c++) {
-        x[c] = d4_sub(d4_at(t->p[c][u] + first), at_u);
-        y[c] = d4_sub(d4_at(t->p[c][v] + first), at_v);
-        z[c] = d4_sub(d4_at(t->p[c][a] + first), f->min[a]);
+        f->x[c] = d4_of(t->p[c][f->u], f->index), f->y[c] = d4_of(t->p[c][f->v], f->index);
+        f->z[c] = d4_of(t->p[c][a], f->index);
     }
+    f->low = min3(f->z), f->high = max3(f->z);
+    f->first_u = first_middle(min3(f->x)), f->first_v = first_middle(min3(f->y));
+    d4 u = d4_add(f->first_u, d4_all(0.5)), v = d4_add(f->first_v, d4_all(0.5));
+    for (int c = 0; c < 3; c++) {
+        f->x[c] = d4_sub(f->x[c], u), f->y[c] = d4_sub(f->y[c], v);
+        f->z[c] = d4_sub(f->z[c], f->low);
+    }
+}
+
+/* PBS_CELL of the first middles, with depth 0. */
+static inline d4 four_code(const four *f) {
+    d4 u = d4_mul(f->first_u, d4_all(cell_step(f->u)));
+    d4 v = d4_mul(f->first_v, d4_all(cell_step(f->v)));
+    return d4_add(d4_add(u, v), d4_all(PBS_CELL(0, 0, 0)));
+}
+
+/* The edge functions at the first middle, and the sum of the edge functions weighted with the
+ * depths; positive inside. */
+static inline d4 edges_of(const four *f, d4 e[4]) {
     for (int c = 0; c < 3; c++) {
         int p = (c + 1) % 3, q = (c + 2) % 3;
-        w->e[c] = d4_sub(d4_mul(x[p], y[q]), d4_mul(y[p], x[q]));
-        w->column[c] = d4_sub(y[p], y[q]), w->row[c] = d4_sub(x[q], x[p]);
+        e[c] = d4_sub(d4_mul(f->x[p], f->y[q]), d4_mul(f->y[p], f->x[q]));
     }
-    d4 area = d4_add(d4_add(w->e[0], w->e[1]), w->e[2]);
-    for (int c = 0; c < 3; c++) {
-        w->e[c] = d4_turn(w->e[c], area);
-        w->column[c] = d4_turn(w->column[c], area), w->row[c] = d4_turn(w->row[c], area);
-    }
-    w->e[3] = d4_dot3(w->e, z), w->column[3] = d4_dot3(w->column, z);
-    w->row[3] = d4_dot3(w->row, z);
-    w->area = d4_abs(area);
+    d4 area = d4_add(d4_add(e[0], e[1]), e[2]);
+    for (int c = 0; c < 3; c++) e[c] = d4_turn(e[c], area);
+    e[3] = d4_dot3(e, f->z);
+    return area;
+}
+
+/* Lanes whose area has a sign that is certain. */
+static inline unsigned solid(d4 area) {
+    return d4_less(d4_all(SMALL_ERROR), d4_abs(area));
 }
 
 /* How the cells of four depths are found: depth = low + e[3] * share. */
@@ -310,93 +338,139 @@ typedef struct depths {
 
 /* e[3] is below 2^9 range, and with its 14 steps has an error below 2^-39 range; that of the area
  * is below 2^-43, and of the depth, in the mean's place, at most as much of the range. */
-static void depths_of(depths *d, const walk *w, const four *f, int a) {
-    d->low = f->min[a], d->share = d4_div(d4_all(1), w->area);
+static inline void depths_of(depths *d, const four *f, d4 area) {
+    d->low = f->low, d->share = d4_div(d4_all(1), d4_abs(area));
     d->error = d4_add(d4_mul(d->share, d4_all(0x1p-38)), d4_all(0x1p-50));
-    d->error = d4_add(d4_mul(d->error, d4_sub(f->max[a], f->min[a])), d4_all(0x1p-32));
-    d->floor_low = d4_floor(f->min[a]), d->floor_high = d4_floor(f->max[a]);
+    d->error = d4_add(d4_mul(d->error, d4_sub(f->high, f->low)), d4_all(0x1p-32));
+    d->floor_low = d4_floor(f->low), d->floor_high = d4_floor(f->high);
 }
 
-/* The cells; *open: the lanes that are not decided. */
-static d4 depths_floor(const depths *d, d4 e, unsigned *open) {
+/* Appends the cells of the lanes in `in` that are in the block and its layer. Returns the lanes
+ * that are not decided. */
+static inline unsigned put_depths(const depths *d, const four *f, d4 e, d4 code, unsigned in,
+                                  pbs_hits *out) {
     d4 z = d4_add(d->low, d4_mul(e, d->share));
     d4 cell = d4_max(d4_floor(d4_sub(z, d->error)), d->floor_low);
-    *open = d4_differ(cell, d4_min(d4_floor(d4_add(z, d->error)), d->floor_high));
-    return cell;
+    unsigned open = d4_differ(cell, d4_min(d4_floor(d4_add(z, d->error)), d->floor_high)) & in;
+    in &= ~open & d4_less(d4_all(LOW - 1), cell) & d4_less(cell, d4_all(HIGH + 1));
+    hits_put(out, d4_add(code, d4_mul(cell, d4_all(cell_step(f->a)))), f->index, in);
+    return open;
 }
 
-/* The triangles of `lanes`, which are small and whose box holds middles of the lines along axis a.
- * Returns those that are not decided. */
-static unsigned draw_small(const pbs_triangles *t, uint32_t first, int a, const four *f,
-                           unsigned lanes, pbs_hits *out) {
-    const int u = (a + 1) % 3, v = (a + 2) % 3;
+/* Of these, every box holds one middle. Returns the lanes that are not decided. */
+static unsigned draw_single(const pbs_triangles *t, four *f, int a, unsigned lanes, pbs_hits *out) {
+    d4 e[4];
+    depths d;
+    four_of(f, t, a);
+    d4 area = edges_of(f, e), least = min3(e);
+    unsigned in = lanes & ~d4_less(least, d4_all(SMALL_OUT));
+    if (!in) return 0;
+    depths_of(&d, f, area);
+    hits_room(out, 4);
+    unsigned sure = in & d4_less(d4_all(SMALL_ERROR), least) & solid(area);
+    return (in & ~sure) | put_depths(&d, f, e[3], four_code(f), sure, out);
+}
+
+/* What edges_of says changes by from column to column and row to row, and the columns and rows
+ * beside the first. */
+typedef struct walk {
+    d4 column[4], row[4], columns, rows;
+} walk;
+
+static inline void walk_of(walk *w, const four *f, d4 area) {
+    for (int c = 0; c < 3; c++) {
+        int p = (c + 1) % 3, q = (c + 2) % 3;
+        w->column[c] = d4_turn(d4_sub(f->y[p], f->y[q]), area);
+        w->row[c] = d4_turn(d4_sub(f->x[q], f->x[p]), area);
+    }
+    w->column[3] = d4_dot3(w->column, f->z), w->row[3] = d4_dot3(w->row, f->z);
+    w->columns = d4_min(d4_floor(max3(f->x)), d4_sub(d4_all(HIGH), f->first_u));
+    w->rows = d4_min(d4_floor(max3(f->y)), d4_sub(d4_all(HIGH), f->first_v));
+}
+
+/* Of these, boxes hold some middles. Returns the lanes that are not decided. */
+static unsigned draw_small(const pbs_triangles *t, four *f, int a, unsigned lanes, pbs_hits *out) {
     const d4 zero = d4_all(0), one = d4_all(1);
-    const d4 open = d4_all(SMALL_ERROR), minus = d4_all(-SMALL_ERROR);
-    const d4 step_u = d4_all(cell_step(u)), step_v = d4_all(cell_step(v));
-    const d4 step_a = d4_all(cell_step(a));
+    const d4 open = d4_all(SMALL_ERROR), minus = d4_all(SMALL_OUT);
+    d4 e[4];
     walk w;
     depths deep;
-    walk_of(&w, t, first, a, f);
-    depths_of(&deep, &w, f, a);
-    unsigned undecided = lanes & ~d4_less(open, w.area), row = lanes & ~undecided;
-    d4 code = d4_add(d4_mul(f->first[u], step_u), d4_mul(f->first[v], step_v));
-    code = d4_add(code, d4_all(PBS_CELL(0, 0, 0)));
-    for (d4 rows = f->more[v]; row;) {
-        d4 e0 = w.e[0], e1 = w.e[1], e2 = w.e[2], e3 = w.e[3], cells = code, columns = f->more[u];
+    four_of(f, t, a);
+    d4 area = edges_of(f, e), code = four_code(f);
+    const d4 step_u = d4_all(cell_step(f->u)), step_v = d4_all(cell_step(f->v));
+    walk_of(&w, f, area);
+    depths_of(&deep, f, area);
+    unsigned undecided = 0, certain = solid(area);
+    for (unsigned row = lanes; row;) {
+        d4 e0 = e[0], e1 = e[1], e2 = e[2], e3 = e[3], cells = code, columns = w.columns;
         hits_room(out, 4 * SMALL);
         for (unsigned in = row; in;) {
             d4 least = d4_min(d4_min(e0, e1), e2);
             unsigned now = in & ~d4_less(least, minus);
             if (now) {
-                unsigned vague, sure = d4_less(open, least);
-                d4 cell = depths_floor(&deep, e3, &vague);
-                undecided |= now & (~sure | vague);
-                now &=
-                    ~undecided & d4_less(d4_all(LOW - 1), cell) & d4_less(cell, d4_all(HIGH + 1));
-                hits_put(out, d4_add(cells, d4_mul(cell, step_a)), first, 1, now);
+                unsigned sure = now & certain & ~undecided & d4_less(open, least);
+                undecided |= now & ~sure;
+                undecided |= put_depths(&deep, f, e3, cells, sure, out);
             }
             columns = d4_sub(columns, one), in &= ~d4_less(columns, zero);
             e0 = d4_add(e0, w.column[0]), e1 = d4_add(e1, w.column[1]);
             e2 = d4_add(e2, w.column[2]), e3 = d4_add(e3, w.column[3]);
             cells = d4_add(cells, step_u);
         }
-        rows = d4_sub(rows, one), row &= ~d4_less(rows, zero) & ~undecided;
-        for (int c = 0; c < 4; c++) w.e[c] = d4_add(w.e[c], w.row[c]);
+        w.rows = d4_sub(w.rows, one), row &= ~d4_less(w.rows, zero) & ~undecided;
+        for (int c = 0; c < 4; c++) e[c] = d4_add(e[c], w.row[c]);
         code = d4_add(code, step_v);
     }
     return undecided;
 }
 
-/* Triangles first .. first + 3, of which those in `lanes` exist. */
-static void separate_four(const pbs_triangles *t, uint32_t first, unsigned lanes, pbs_hits *out) {
-    const d4 half = d4_all(0.5), low = d4_all(LOW), high = d4_all(HIGH), zero = d4_all(0);
-    four f;
-    d4 size = zero;
+/* ---- batches ---- */
+
+/* Bit i: triangle i. */
+typedef struct found {
+    uint64_t axis[3]; /* the box holds middles of the lines along the axis */
+    uint64_t more[3]; /* not only one */
+    uint64_t large;
+} found;
+
+/* Looks at the boxes of triangles first .. first + 3. */
+static inline void look(const pbs_triangles *t, uint32_t first, found *out) {
+    const d4 zero = d4_all(0);
+    d4 more[3], size = zero, near = zero;
     for (int k = 0; k < 3; k++) {
-        f.min[k] = d4_at(t->min[k] + first), f.max[k] = d4_at(t->max[k] + first);
-        f.first[k] = d4_max(d4_ceil(d4_sub(f.min[k], half)), low);
-        f.more[k] = d4_sub(d4_min(d4_floor(d4_sub(f.max[k], half)), high), f.first[k]);
-        size = d4_max(size, d4_sub(f.max[k], f.min[k]));
-        lanes &= ~d4_less(f.max[k], low) & ~d4_less(d4_all(HIGH + 1), f.min[k]);
+        d4 min = d4_at(t->min[k] + first), max = d4_at(t->max[k] + first);
+        d4 middle = first_middle(min);
+        more[k] = d4_sub(d4_min(d4_floor(d4_sub(max, d4_all(0.5))), d4_all(HIGH)), middle);
+        size = d4_max(size, d4_sub(max, min));
+        near = d4_min(near, d4_min(d4_sub(max, d4_all(LOW)), d4_sub(d4_all(HIGH + 1), min)));
     }
-    unsigned small = d4_less(size, d4_all(SMALL)), axes[3], rest[3], any = 0;
     for (int a = 0; a < 3; a++) {
-        axes[a] = lanes & ~d4_less(d4_min(f.more[(a + 1) % 3], f.more[(a + 2) % 3]), zero);
-        any |= axes[a];
+        d4 u = more[(a + 1) % 3], v = more[(a + 2) % 3];
+        uint64_t axis = 15 & ~d4_less(d4_min(near, d4_min(u, v)), zero);
+        out->axis[a] |= axis << first;
+        out->more[a] |= (uint64_t)d4_less(zero, d4_max(u, v)) << first;
     }
-    if (!any) return;
-    any = 0;
-    for (int a = 0; a < 3; a++) {
-        unsigned now = axes[a] & small;
-        rest[a] = axes[a] & ~small;
-        if (now) rest[a] |= draw_small(t, first, a, &f, now, out);
-        any |= rest[a];
+    out->large |= (uint64_t)(15 & ~d4_less(size, d4_all(SMALL))) << first;
+}
+
+/* Draws the triangles of a set, four at a time. Returns those that are not decided. */
+typedef unsigned (*draw_four)(const pbs_triangles *t, four *f, int a, unsigned lanes,
+                              pbs_hits *out);
+static inline uint64_t draw_set(const pbs_triangles *t, int a, uint64_t set, draw_four work,
+                                pbs_hits *out) {
+    uint64_t rest = 0;
+    while (set) {
+        four f;
+        int n = 0;
+        for (int i = 0; i < 4; i++) {
+            f.index[i] = set ? (uint32_t)__builtin_ctzll(set) : f.index[0];
+            n += set != 0;
+            set &= set - (set != 0);
+        }
+        for (unsigned open = work(t, &f, a, (1u << n) - 1, out); open; open &= open - 1)
+            rest |= (uint64_t)1 << f.index[__builtin_ctz(open)];
     }
-    for (; any; any &= any - 1) {
-        unsigned i = (unsigned)__builtin_ctz(any);
-        unsigned which = (rest[0] >> i & 1) | (rest[1] >> i & 1) << 1 | (rest[2] >> i & 1) << 2;
-        draw(t, first + i, which, out);
-    }
+    return rest;
 }
 
 #if defined(__x86_64__) && defined(__GNUC__)
@@ -404,8 +478,21 @@ static void separate_four(const pbs_triangles *t, uint32_t first, unsigned lanes
 #endif
 
 void PBS_SEPARATE_NAME(pbs_separate_all)(const pbs_triangles *t, pbs_hits *out) {
-    for (uint32_t i = 0; i < t->count; i += 4)
-        separate_four(t, i, t->count - i < 4 ? (1u << (t->count - i)) - 1 : 15, out);
+    found f = {{0}, {0}, 0};
+    uint64_t all = t->count < 64 ? ((uint64_t)1 << t->count) - 1 : ~(uint64_t)0, rest[3];
+    for (uint32_t i = 0; i < t->count; i += 4) look(t, i, &f);
+    for (int a = 0; a < 3; a++) {
+        uint64_t small = f.axis[a] & all & ~f.large;
+        rest[a] = f.axis[a] & all & f.large;
+        rest[a] |= draw_set(t, a, small & ~f.more[a], draw_single, out);
+        rest[a] |= draw_set(t, a, small & f.more[a], draw_small, out);
+    }
+    for (uint64_t any = rest[0] | rest[1] | rest[2]; any; any &= any - 1) {
+        int i = __builtin_ctzll(any);
+        unsigned axes = rest[0] >> i & 1;
+        axes |= (rest[1] >> i & 1) << 1 | (rest[2] >> i & 1) << 2;
+        draw(t, (uint32_t)i, axes, out);
+    }
 }
 
 #ifdef PBS_SEPARATE_ONCE

@@ -24,6 +24,9 @@ static inline d4 d4_all(double v) {
 static inline d4 d4_at(const double *p) {
     return _mm256_loadu_pd(p);
 }
+static inline d4 d4_of(const double *p, const uint32_t i[4]) {
+    return _mm256_setr_pd(p[i[0]], p[i[1]], p[i[2]], p[i[3]]);
+}
 static inline void d4_put(double *p, d4 a) {
     _mm256_storeu_pd(p, a);
 }
@@ -86,6 +89,9 @@ static inline d4 d4_all(double v) {
 static inline d4 d4_at(const double *p) {
     D4_LANES(p[i]);
 }
+static inline d4 d4_of(const double *p, const uint32_t index[4]) {
+    D4_LANES(p[index[i]]);
+}
 static inline void d4_put(double *p, d4 a) {
     memcpy(p, &a, sizeof a);
 }
@@ -143,9 +149,8 @@ static inline void hits_room(pbs_hits *out, uint32_t n) {
     if (out->count + n + 4 > PBS_HITS) out->flush(out->ctx, out);
 }
 
-/* Appends the lanes in mask; cells are whole numbers there. Lane i is of triangle + i * step. */
-static inline void hits_put(pbs_hits *out, d4 cells, uint32_t triangle, uint32_t step,
-                            unsigned mask) {
+/* Appends the lanes in mask; cells are whole numbers there. */
+static inline void hits_put(pbs_hits *out, d4 cells, const uint32_t triangle[4], unsigned mask) {
     pbs_hit *to = out->hit + out->count;
 #ifdef __AVX2__
     /* The halves of lane i to the front, for each mask: four bits a half. */
@@ -155,9 +160,7 @@ static inline void hits_put(pbs_hits *out, d4 cells, uint32_t triangle, uint32_t
                                        0x00007654, 0x00765410, 0x00765432, 0x76543210};
     const __m256i nibble = _mm256_setr_epi32(0, 4, 8, 12, 16, 20, 24, 28);
     __m128i cell = _mm256_cvttpd_epi32(cells);
-    __m128i id =
-        _mm_add_epi32(_mm_set1_epi32((int)triangle),
-                      _mm_mullo_epi32(_mm_set1_epi32((int)step), _mm_setr_epi32(0, 1, 2, 3)));
+    __m128i id = _mm_loadu_si128((const __m128i *)(const void *)triangle);
     __m256i all = _mm256_inserti128_si256(_mm256_castsi128_si256(_mm_unpacklo_epi32(cell, id)),
                                           _mm_unpackhi_epi32(cell, id), 1);
     __m256i lanes = _mm256_srlv_epi32(_mm256_set1_epi32((int)order[mask]), nibble);
@@ -165,7 +168,7 @@ static inline void hits_put(pbs_hits *out, d4 cells, uint32_t triangle, uint32_t
     _mm256_storeu_si256((__m256i *)(void *)to, all);
 #else
     for (uint32_t i = 0, k = 0; i < 4; i++)
-        if (mask >> i & 1) to[k++] = (pbs_hit){(uint32_t)cells.v[i], triangle + i * step};
+        if (mask >> i & 1) to[k++] = (pbs_hit){(uint32_t)cells.v[i], triangle[i]};
 #endif
     out->count += (uint32_t)__builtin_popcount(mask);
 }
@@ -187,7 +190,7 @@ typedef struct shape {
     double n[3];           /* the normal; relative errors of 2^-44, 0 if it is */
     bool exact;            /* whether `normal` is there */
     pbs_int128 normal[3];  /* in 2^-64 */
-    uint32_t number;
+    uint32_t number[4];    /* of the batch, four times */
 } shape;
 
 static inline pbs_int128 normal_exact(const shape *s, int a) {
