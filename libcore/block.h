@@ -42,6 +42,9 @@ typedef struct pbs_block_params {
     const pbs_surfaces *surfaces; /* borrowed; may be NULL if no channel needs it */
 } pbs_block_params;
 
+/* Bytes that a block takes at most without colours, materials, and attributes of faces. */
+#define PBS_BLOCK_MEMORY ((size_t)24 << 20)
+
 /* One thread's scratch. Kept from block to block: fresh memory costs as much as the work. */
 typedef struct pbs_block pbs_block;
 pbs_code pbs_block_new(pbs_run *run, const pbs_block_params *params, pbs_block **out, pbs_err *err);

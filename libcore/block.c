@@ -1,0 +1,207 @@
+#include "libcore/block_inner.h"
+#include "libcore/raster.h"
+
+typedef double d4 __attribute__((vector_size(32)));
+typedef int64_t l4 __attribute__((vector_size(32)));
+typedef d4 d4_at __attribute__((aligned(8), may_alias));
+typedef l4 l4_at __attribute__((aligned(8), may_alias));
+
+/* Vectors are returned from inlined functions only, so how the ABI does that is no matter. */
+#pragma GCC diagnostic ignored "-Wpsabi"
+
+/* ---- fragments ---- */
+
+static void clear_cell(pbs_bricks *k, pbs_brick *p, uint32_t cell) {
+    memset(pbs_brick_sums(p, cell), 0, PBS_SUMS * sizeof(int64_t));
+    memset(pbs_brick_extra(p, cell, k->extras), 0, k->extras * sizeof(int64_t));
+    if (!p->wide) return;
+    memset(p->wide + PBS_SUMS * cell, 0, PBS_SUMS * sizeof(int64_t));
+    memset(p->wide + PBS_SUMS * 64 + k->extras * cell, 0, k->extras * sizeof(int64_t));
+}
+
+/* A cell that is only touched so far is counted by touches; the first area replaces them. False: a
+ * touch that doesn't count. */
+static __attribute__((noinline)) bool bare(pbs_bricks *k, pbs_brick *p, uint32_t cell, bool touch) {
+    uint64_t bit = UINT64_C(1) << cell;
+    if (touch) {
+        if (p->seen & ~p->bare & bit) return false;
+        p->bare |= bit;
+        return true;
+    }
+    p->bare &= ~bit;
+    clear_cell(k, p, cell);
+    return true;
+}
+
+/* To whole numbers, as they lie behind the binary point of a number of this size. */
+__attribute__((always_inline)) static inline l4 whole(const d4 *v) {
+    const d4 magic = {0x1.8p52, 0x1.8p52, 0x1.8p52, 0x1.8p52};
+    return (l4)(*v + magic) - (l4)magic;
+}
+
+static inline void add_extras(pbs_brick *p, uint32_t cell, uint32_t n, int64_t area,
+                              const int32_t *value) {
+    int64_t *to = pbs_brick_extra(p, cell, n);
+    if (n == 4) {
+        for (int i = 0; i < 4; i++) to[i] += area * value[i];
+        return;
+    }
+    for (uint32_t i = 0; i < n; i++) to[i] += area * value[i];
+}
+
+/* general false: the triangle's normal and values are the fragment's. Returns its area. */
+static inline int64_t put(pbs_block *b, const pbs_fragment *f, bool general) {
+    pbs_bricks *k = &b->bricks;
+    uint32_t t = f->triangle, slot = b->batch.slot[t];
+    double own[4];
+    int32_t varied[PBS_EXTRAS];
+    const double *unit = b->batch.unit[t];
+    const int32_t *value = b->value[t];
+    if (general) {
+        if (b->asks >> t & 1 && !pbs_block_keeps(b, t, f->cell)) return 0;
+        if (b->placing.mesh->normal) pbs_block_normal(b, f, own, &slot), unit = own;
+        if (b->varies >> t & 1) pbs_block_values(b, f, varied), value = varied;
+    }
+    uint32_t code = pbs_bricks_code(k, f->cell), cell = code & 63;
+    pbs_brick *p = pbs_bricks_get(k, code);
+    d4 each = *(const d4_at *)(const void *)unit, v = f->area * each;
+    l4 q = whole(&v);
+    int64_t area = q[0];
+    if (__builtin_expect(!area || p->bare >> cell & 1, 0)) {
+        bool counts = bare(k, p, cell, !area);
+        q = !counts ? q & 0 : area ? q : whole(&each);
+    }
+    int64_t *sum = pbs_brick_sums(p, cell) + 4 * slot;
+    *(l4_at *)(void *)sum += q;
+    if (b->extras) add_extras(p, cell, b->extras, q[0], value);
+    p->seen |= UINT64_C(1) << cell;
+    p->faces[cell] |= b->batch.faces[t];
+    b->hit |= UINT64_C(1) << t;
+    if (__builtin_expect(sum[0] > b->wide_at, 0)) pbs_brick_widen(k, p, cell);
+    if (general && b->params.per_face)
+        pbs_face_sums_add(
+            &b->face_sums, code, b->material[t], b->batch.faces[t], area,
+            (double[3]){b->batch.normal[0][t], b->batch.normal[1][t], b->batch.normal[2][t]},
+            value);
+    return area;
+}
+
+static void flush_fragments(void *ctx, pbs_fragments *f) {
+    pbs_block *b = ctx;
+    int64_t area = 0;
+    if (b->general)
+        for (uint32_t i = 0; i < f->count; i++) area += put(b, &f->fragment[i], true);
+    else
+        for (uint32_t i = 0; i < f->count; i++) area += put(b, &f->fragment[i], false);
+    b->area += area;
+    b->fragment_count += f->count;
+    f->count = 0;
+}
+
+/* ---- hits ---- */
+
+static inline void put_hit(pbs_block *b, const pbs_hit *h, bool set_alone) {
+    if (b->asks >> h->triangle & 1 && !pbs_block_keeps(b, h->triangle, h->cell)) return;
+    pbs_bricks *k = &b->bricks;
+    uint32_t code = pbs_bricks_code(k, h->cell);
+    uint64_t bit = UINT64_C(1) << (code & 63);
+    k->six[code >> 6] |= bit;
+    pbs_brick *p = pbs_bricks_get(k, code);
+    if (!set_alone) return;
+    p->seen |= bit;
+    p->faces[code & 63] |= b->batch.faces[h->triangle];
+    b->hit |= (uint64_t)(p != k->spare) << h->triangle;
+}
+
+static void flush_hits(void *ctx, pbs_hits *h) {
+    pbs_block *b = ctx;
+    if (b->set_alone)
+        for (uint32_t i = 0; i < h->count; i++) put_hit(b, &h->hit[i], true);
+    else
+        for (uint32_t i = 0; i < h->count; i++) put_hit(b, &h->hit[i], false);
+    h->count = 0;
+}
+
+/* ---- batches ---- */
+
+static void run_batch(pbs_block *b) {
+    pbs_block_shade_batch(b);
+    b->hit = 0;
+    b->general = b->placing.mesh->normal || b->asks || b->varies || b->params.per_face;
+    if (!b->set_alone) {
+        bool centroids = b->placing.mesh->normal || b->varies;
+        pbs_clip(&b->batch.t, centroids, b->simd, &b->fragments);
+        flush_fragments(b, &b->fragments);
+    }
+    pbs_separate(&b->batch.t, b->simd, &b->hits);
+    flush_hits(b, &b->hits);
+    b->triangles += (uint64_t)__builtin_popcountll(b->hit);
+}
+
+static pbs_code went_wrong(const pbs_block *b, pbs_err *err) {
+    const pbs_err *e = b->bricks.rc ? &b->bricks.err : &b->face_sums.err;
+    if (!b->bricks.rc && !b->face_sums.rc) return PBS_OK;
+    return pbs_fail(err, e->code, "%s", e->text);
+}
+
+pbs_code pbs_block_add(pbs_block *b, const pbs_mesh *mesh, const uint32_t *triangles, size_t count,
+                       const pbs_to_grid *to, pbs_sides sides, pbs_err *err) {
+    pbs_feed feed = {.triangles = triangles, .count = count};
+    pbs_placing_make(&b->placing, mesh, to, b->at, sides, b->params.interior, b->simd);
+    pbs_block_shade_call(b, mesh);
+    for (uint32_t n = 0; pbs_place(&b->placing, &feed, &b->batch); n++) {
+        if (n % 64 == 0 && pbs_run_check(b->run, err)) return PBS_CANCEL;
+        run_batch(b);
+        if (b->bricks.rc || b->face_sums.rc) break;
+    }
+    return went_wrong(b, err);
+}
+
+/* ---- its life ---- */
+
+pbs_code pbs_block_new(pbs_run *run, const pbs_block_params *params, pbs_block **out,
+                       pbs_err *err) {
+    pbs_block *b;
+    pbs_code rc = pbs_alloc(run, &b, 1, sizeof *b, "a block", err);
+    *out = NULL;
+    if (rc) return rc;
+    memset(b, 0, sizeof *b);
+    b->run = run;
+    b->params = *params;
+    b->set_alone = !params->channels && !params->per_face;
+    if (b->set_alone) b->params.cells = PBS_CELLS_SEPARATING;
+    b->simd = pbs_raster_simd();
+    b->wide_at = PBS_BLOCK_WIDE;
+    b->fragments.flush = flush_fragments, b->fragments.ctx = b;
+    b->hits.flush = flush_hits, b->hits.ctx = b;
+    pbs_block_shade_init(b);
+    pbs_face_sums_init(&b->face_sums, run, params->per_face == PBS_PER_FACE_COLOUR);
+    rc = pbs_bricks_init(&b->bricks, run, !b->set_alone, b->extras, err);
+    if (rc)
+        pbs_block_free(b);
+    else
+        *out = b;
+    return rc;
+}
+
+void pbs_block_free(pbs_block *b) {
+    if (!b) return;
+    pbs_run *run = b->run;
+    pbs_voxels *v = &b->out.voxels;
+    void *array[] = {v->place,    v->normal,   v->weight, v->colour,
+                     v->material, v->emissive, v->face,   b->out.faces};
+    for (size_t i = 0; i < sizeof array / sizeof *array; i++) pbs_free(run, array[i]);
+    pbs_face_sums_free(&b->face_sums);
+    pbs_bricks_free(&b->bricks);
+    pbs_free(run, b);
+}
+
+void pbs_block_begin(pbs_block *b, const uint32_t at[3], uint32_t size) {
+    memcpy(b->at, at, sizeof b->at);
+    b->size = size;
+    b->triangles = b->fragment_count = 0;
+    b->area = 0;
+    b->fragments.count = b->hits.count = 0;
+    pbs_bricks_begin(&b->bricks);
+    pbs_face_sums_begin(&b->face_sums);
+}
