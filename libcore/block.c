@@ -149,7 +149,7 @@ pbs_code pbs_block_add(pbs_block *b, const pbs_mesh *mesh, const uint32_t *trian
     pbs_feed feed = {.triangles = triangles, .count = count};
     pbs_placing_make(&b->placing, mesh, to, b->at, sides, b->params.interior, b->simd);
     pbs_block_shade_call(b, mesh);
-    for (uint32_t n = 0; pbs_place(&b->placing, &feed, &b->batch); n++) {
+    for (uint32_t n = 0; pbs_batch_fill(&b->placing, &feed, &b->batch); n++) {
         if (n % 64 == 0 && pbs_run_check(b->run, err)) return PBS_CANCEL;
         run_batch(b);
         if (b->bricks.rc || b->face_sums.rc) break;

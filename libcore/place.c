@@ -170,7 +170,7 @@ static void take(const pbs_placing *p, pbs_feed *feed, pbs_corners *corners, pbs
         gather(p->mesh, feed->triangles, n, corners);
 #if defined(__x86_64__)
         if (p->simd)
-            far = pbs_place_avx2(p, corners, feed->triangles, n, out);
+            far = pbs_batch_place_avx2(p, corners, feed->triangles, n, out);
         else
 #endif
             far = place_all(p, corners, feed->triangles, n, out);
@@ -192,8 +192,8 @@ static void finish(const pbs_placing *p, pbs_corners *corners, pbs_batch *out) {
     if (p->mesh->normal) gather_normals(p->mesh, out, corners);
 #if defined(__x86_64__)
     if (p->simd) {
-        pbs_place_normals_avx2(p, out);
-        if (p->mesh->normal) pbs_place_smooth_avx2(p, corners, out);
+        pbs_batch_normals_avx2(p, out);
+        if (p->mesh->normal) pbs_batch_smooth_avx2(p, corners, out);
         return;
     }
 #endif
@@ -201,7 +201,7 @@ static void finish(const pbs_placing *p, pbs_corners *corners, pbs_batch *out) {
     if (p->mesh->normal) smooth_all(p, corners, out);
 }
 
-bool pbs_place(const pbs_placing *p, pbs_feed *feed, pbs_batch *out) {
+bool pbs_batch_fill(const pbs_placing *p, pbs_feed *feed, pbs_batch *out) {
     pbs_corners corners;
     out->t.count = 0;
     out->cut = 0;

@@ -54,7 +54,7 @@ void pbs_placing_make(pbs_placing *out, const pbs_mesh *mesh, const pbs_to_grid 
 
 /* Fills a batch with those of the next triangles whose boxes touch the block or the layer around
  * it. False: there are no more. Same bits with and without AVX2. */
-bool pbs_place(const pbs_placing *p, pbs_feed *feed, pbs_batch *out);
+bool pbs_batch_fill(const pbs_placing *p, pbs_feed *feed, pbs_batch *out);
 
 /* The side of the fixed plane, which no usual direction lies in. */
 #define PBS_SIDE_X 0.5377
@@ -69,9 +69,9 @@ typedef struct pbs_corners {
 } pbs_corners;
 
 #if defined(__x86_64__)
-uint64_t pbs_place_avx2(const pbs_placing *p, const pbs_corners *in, const uint32_t *id,
-                        uint32_t count, pbs_batch *out);
-void pbs_place_normals_avx2(const pbs_placing *p, pbs_batch *b);
-void pbs_place_smooth_avx2(const pbs_placing *p, const pbs_corners *in, pbs_batch *b);
+uint64_t pbs_batch_place_avx2(const pbs_placing *p, const pbs_corners *in, const uint32_t *id,
+                              uint32_t count, pbs_batch *out);
+void pbs_batch_normals_avx2(const pbs_placing *p, pbs_batch *b);
+void pbs_batch_smooth_avx2(const pbs_placing *p, const pbs_corners *in, pbs_batch *b);
 #endif
 #endif

@@ -7,14 +7,14 @@
 #endif
 #include "libcore/place_math.h"
 
-uint64_t pbs_place_avx2(const pbs_placing *p, const pbs_corners *in, const uint32_t *id,
-                        uint32_t count, pbs_batch *out) {
+uint64_t pbs_batch_place_avx2(const pbs_placing *p, const pbs_corners *in, const uint32_t *id,
+                              uint32_t count, pbs_batch *out) {
     return place_all(p, in, id, count, out);
 }
-void pbs_place_normals_avx2(const pbs_placing *p, pbs_batch *b) {
+void pbs_batch_normals_avx2(const pbs_placing *p, pbs_batch *b) {
     normals_all(p, b);
 }
-void pbs_place_smooth_avx2(const pbs_placing *p, const pbs_corners *in, pbs_batch *b) {
+void pbs_batch_smooth_avx2(const pbs_placing *p, const pbs_corners *in, pbs_batch *b) {
     smooth_all(p, in, b);
 }
 #ifdef __clang__

@@ -248,7 +248,7 @@ static void many_materials(shape *s) {
 static void make_soup(void) {
     clear(&one);
     seed = 4;
-    soup(&one, 3000, 2, 60);
+    soup(&one, 800, 2, 40);
     /* Touches without area, on corners, edges and faces of cells. */
     for (int i = 0; i < 300; i++) {
         int v[3];
@@ -279,7 +279,7 @@ TEST(order_calls_and_instructions_do_not_matter) {
             how other = h;
             other.order = k % 4;
             other.portable = k == 4;
-            other.wide_at = k == 5 || k == 2 ? INT64_C(1) << 38 : 0;
+            other.wide_at = k == 5 ? INT64_C(1) << 38 : 0;
             result b = work(&other, &one.mesh);
             CHECK_NUM(same(&a, &b), 10 * i + k);
             drop(&b);
