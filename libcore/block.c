@@ -11,25 +11,14 @@ typedef l4 l4_at __attribute__((aligned(8), may_alias));
 
 /* ---- fragments ---- */
 
-static void clear_cell(pbs_bricks *k, pbs_brick *p, uint32_t cell) {
-    memset(pbs_brick_sums(p, cell), 0, PBS_SUMS * sizeof(int64_t));
-    memset(pbs_brick_extra(p, cell, k->extras), 0, k->extras * sizeof(int64_t));
-    if (!p->wide) return;
-    memset(p->wide + PBS_SUMS * cell, 0, PBS_SUMS * sizeof(int64_t));
-    memset(p->wide + PBS_SUMS * 64 + k->extras * cell, 0, k->extras * sizeof(int64_t));
-}
-
 /* A cell that is only touched so far is counted by touches; the first area replaces them. False: a
  * touch that doesn't count. */
-static __attribute__((noinline)) bool bare(pbs_bricks *k, pbs_brick *p, uint32_t cell, bool touch) {
-    uint64_t bit = UINT64_C(1) << cell;
-    if (touch) {
-        if (p->seen & ~p->bare & bit) return false;
-        p->bare |= bit;
-        return true;
+static __attribute__((noinline)) bool touch(pbs_bricks *k, int64_t *record, bool fresh, bool bare) {
+    if (bare) {
+        if (fresh) record[PBS_REC_FLAGS] |= PBS_REC_BARE;
+        return record[PBS_REC_FLAGS] & PBS_REC_BARE;
     }
-    p->bare &= ~bit;
-    clear_cell(k, p, cell);
+    pbs_record_clear(k, record);
     return true;
 }
 
@@ -39,9 +28,7 @@ __attribute__((always_inline)) static inline l4 whole(const d4 *v) {
     return (l4)(*v + magic) - (l4)magic;
 }
 
-static inline void add_extras(pbs_brick *p, uint32_t cell, uint32_t n, int64_t area,
-                              const int32_t *value) {
-    int64_t *to = pbs_brick_extra(p, cell, n);
+static inline void add_extras(int64_t *to, uint32_t n, int64_t area, const int32_t *value) {
     if (n == 4) {
         for (int i = 0; i < 4; i++) to[i] += area * value[i];
         return;
@@ -62,22 +49,23 @@ static inline int64_t put(pbs_block *b, const pbs_fragment *f, bool general) {
         if (b->placing.mesh->normal) pbs_block_normal(b, f, own, &slot), unit = own;
         if (b->varies >> t & 1) pbs_block_values(b, f, varied), value = varied;
     }
-    uint32_t code = pbs_bricks_code(k, f->cell), cell = code & 63;
+    uint32_t code = pbs_bricks_code(k, f->cell);
     pbs_brick *p = pbs_bricks_get(k, code);
+    bool fresh = !p->record[code & 63];
+    int64_t *record = pbs_brick_record(k, p, code & 63);
     d4 each = *(const d4_at *)(const void *)unit, v = f->area * each;
     l4 q = whole(&v);
-    int64_t area = q[0];
-    if (__builtin_expect(!area || p->bare >> cell & 1, 0)) {
-        bool counts = bare(k, p, cell, !area);
+    int64_t area = slot ? q[0] : q[3], weight = area;
+    if (__builtin_expect(!area || record[PBS_REC_FLAGS] & PBS_REC_BARE, 0)) {
+        bool counts = touch(k, record, fresh, !area);
         q = !counts ? q & 0 : area ? q : whole(&each);
+        weight = !counts ? 0 : area ? area : (int64_t)PBS_UNIT;
     }
-    int64_t *sum = pbs_brick_sums(p, cell) + 4 * slot;
-    *(l4_at *)(void *)sum += q;
-    if (b->extras) add_extras(p, cell, b->extras, q[0], value);
-    p->seen |= UINT64_C(1) << cell;
-    p->faces[cell] |= b->batch.faces[t];
+    *(l4_at *)(void *)(record + (slot ? PBS_REC_AREA : PBS_REC_NEAR)) += q;
+    if (b->extras) add_extras(record + PBS_REC_EXTRA, b->extras, weight, value);
+    record[PBS_REC_FLAGS] |= b->batch.faces[t];
     b->hit |= UINT64_C(1) << t;
-    if (__builtin_expect(sum[0] > b->wide_at, 0)) pbs_brick_widen(k, p, cell);
+    if (__builtin_expect(record[PBS_REC_AREA] > b->wide_at, 0)) pbs_record_widen(k, record);
     if (general && b->params.per_face)
         pbs_face_sums_add(
             &b->face_sums, code, b->material[t], b->batch.faces[t], area,
@@ -89,6 +77,7 @@ static inline int64_t put(pbs_block *b, const pbs_fragment *f, bool general) {
 static void flush_fragments(void *ctx, pbs_fragments *f) {
     pbs_block *b = ctx;
     int64_t area = 0;
+    if (!pbs_bricks_reserve(&b->bricks, f->count)) f->count = 0;
     if (b->general)
         for (uint32_t i = 0; i < f->count; i++) area += put(b, &f->fragment[i], true);
     else
@@ -115,6 +104,7 @@ static inline void put_hit(pbs_block *b, const pbs_hit *h, bool set_alone) {
 
 static void flush_hits(void *ctx, pbs_hits *h) {
     pbs_block *b = ctx;
+    if (!pbs_bricks_reserve(&b->bricks, h->count)) h->count = 0;
     if (b->set_alone)
         for (uint32_t i = 0; i < h->count; i++) put_hit(b, &h->hit[i], true);
     else
@@ -188,8 +178,8 @@ void pbs_block_free(pbs_block *b) {
     if (!b) return;
     pbs_run *run = b->run;
     pbs_voxels *v = &b->out.voxels;
-    void *array[] = {v->place,    v->normal,   v->weight, v->colour,
-                     v->material, v->emissive, v->face,   b->out.faces};
+    void *array[] = {v->place,    v->normal, v->weight,    v->colour,    v->material,
+                     v->emissive, v->face,   b->out.faces, b->out.chosen};
     for (size_t i = 0; i < sizeof array / sizeof *array; i++) pbs_free(run, array[i]);
     pbs_face_sums_free(&b->face_sums);
     pbs_bricks_free(&b->bricks);

@@ -13,9 +13,9 @@
 
 enum { PBS_EXTRAS = 9 }; /* colour 4, material 2, emissive 3 */
 
-/* Above that, in units of area, a cell is widened: twice as much, and one fragment more, times
- * PBS_LIGHT are still less than 2^63. */
-#define PBS_BLOCK_WIDE (INT64_C(1) << 45)
+/* Above that, in units of area, a cell's numbers are widened: with one fragment more, times
+ * PBS_LIGHT, they are still less than 2^63. */
+#define PBS_BLOCK_WIDE (INT64_C(1) << 46)
 
 /* ---- faces' attributes (block_faces.c) ---- */
 
@@ -60,10 +60,18 @@ bool pbs_face_light(const pbs_face_sums *s, uint32_t code, int face, double out[
 
 /* ---- the block ---- */
 
+/* A cell that becomes a voxel. */
+typedef struct pbs_chosen {
+    uint32_t code;
+    uint32_t record;    /* 0: it has none */
+    uint8_t hide, caps; /* faces that others hide; faces that are there always */
+} pbs_chosen;
+
 typedef struct pbs_block_out {
     pbs_voxels voxels;
+    pbs_chosen *chosen;
     uint32_t *faces;
-    size_t cap[8], face_count;
+    size_t cap[8], face_cap, face_count;
 } pbs_block_out;
 
 struct pbs_block {
@@ -117,4 +125,9 @@ void pbs_block_normal(const struct pbs_block *b, const pbs_fragment *f, double u
                       uint32_t *slot);
 /* The values of a fragment. */
 void pbs_block_values(struct pbs_block *b, const pbs_fragment *f, int32_t value[PBS_EXTRAS]);
+
+/* ---- block_means.c: the attributes of those that were chosen, whose places are there ---- */
+
+/* Adds up the area that is in voxels. Errors: PBS_LIMIT. */
+pbs_code pbs_block_means(struct pbs_block *b, __int128 *kept, pbs_err *err);
 #endif

@@ -154,9 +154,10 @@ void pbs_block_normal(const pbs_block *b, const pbs_fragment *f, double unit[4],
     }
     bool turn = b->placing.both ? side < 0 : turned < 0;
     double scale = (turn ? -PBS_UNIT : PBS_UNIT) / sqrt(square);
-    unit[0] = PBS_UNIT;
-    for (int r = 0; r < 3; r++) unit[r + 1] = n[r] * scale;
-    *slot = !b->placing.both && (turn ? side > 0 : side < 0);
+    bool beyond = !b->placing.both && (turn ? side > 0 : side < 0);
+    unit[beyond ? 0 : 3] = PBS_UNIT;
+    for (int r = 0; r < 3; r++) unit[beyond + r] = n[r] * scale;
+    *slot = beyond;
 }
 
 /* ---- masks ---- */

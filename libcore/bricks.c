@@ -1,5 +1,4 @@
 #include "libcore/bricks.h"
-#include <string.h>
 
 /* Two bits to every third place. */
 static uint32_t spread2(uint32_t v) {
@@ -30,17 +29,20 @@ pbs_code pbs_bricks_init(pbs_bricks *b, pbs_run *run, bool sums, uint32_t extras
     memset(b, 0, sizeof *b);
     b->run = run;
     b->sums = sums, b->extras = sums ? extras : 0;
-    b->bytes = sizeof(pbs_brick) + (sums ? 64 * (PBS_SUMS + b->extras) * sizeof(int64_t) : 0);
+    b->numbers = PBS_REC_EXTRA + b->extras;
+    b->brick_bytes = offsetof(pbs_brick, record) + (sums ? 64 * sizeof(uint32_t) : 64);
     make_tables(b);
-    pbs_code rc = pbs_alloc(run, &b->spare, 1, b->bytes, "a block's cells", err);
-    if (!rc) memset(b->spare, 0, b->bytes);
+    pbs_code rc = pbs_alloc(run, &b->spare, 1, b->brick_bytes, "a block's cells", err);
+    if (!rc) memset(b->spare, 0, b->brick_bytes);
     return rc;
 }
 
 void pbs_bricks_free(pbs_bricks *b) {
-    for (int i = 0; i < PBS_BRICKS / PBS_BRICK_SLAB; i++) pbs_free(b->run, b->slab[i]);
-    for (int i = 0; b->wide && i < PBS_BRICKS; i++) pbs_free(b->run, b->wide[i]);
-    pbs_free(b->run, b->wide);
+    for (int i = 0; i < PBS_BRICKS / PBS_BRICK_SLAB; i++) pbs_free(b->run, b->brick[i]);
+    for (int i = 0; i <= PBS_CELLS / PBS_RECORD_SLAB; i++) {
+        pbs_free(b->run, b->record[i]);
+        pbs_free(b->run, b->wide[i]);
+    }
     pbs_free(b->run, b->spare);
 }
 
@@ -48,70 +50,87 @@ void pbs_bricks_begin(pbs_bricks *b) {
     memset(b->six, 0, sizeof b->six);
     memset(b->at, 0, sizeof b->at);
     memset(b->used, 0, sizeof b->used);
-    b->count = b->wide_count = 0;
-    b->spare->wide = NULL;
+    b->count = 0;
+    b->records = b->wides = 1;
     b->rc = PBS_OK;
 }
 
-/* The spare brick is the same for all: its numbers mean nothing. */
-static pbs_brick *spare(pbs_bricks *b, uint32_t index) {
-    return b->at[index] = b->spare;
+/* ---- memory ---- */
+
+static bool take(pbs_bricks *b, void *slab, size_t count, size_t size) {
+    void *have;
+    memcpy(&have, slab, sizeof have);
+    if (have) return true;
+    if (!b->rc) b->rc = pbs_alloc(b->run, slab, count, size, "a block's cells", &b->err);
+    return !b->rc;
+}
+
+static uint32_t least(uint32_t a, uint32_t b) {
+    return a < b ? a : b;
+}
+
+bool pbs_bricks_reserve(pbs_bricks *b, uint32_t n) {
+    if (b->rc) return false;
+    uint32_t last = least(b->count + n, PBS_BRICKS) - 1;
+    for (uint32_t i = b->count / PBS_BRICK_SLAB; i <= last / PBS_BRICK_SLAB; i++)
+        if (!take(b, &b->brick[i], PBS_BRICK_SLAB, b->brick_bytes)) return false;
+    if (!b->sums) return true;
+    last = least(b->records + n - 1, PBS_CELLS);
+    for (uint32_t i = b->records / PBS_RECORD_SLAB; i <= last / PBS_RECORD_SLAB; i++)
+        if (!take(b, &b->record[i], PBS_RECORD_SLAB, b->numbers * sizeof(int64_t))) return false;
+    return true;
 }
 
 pbs_brick *pbs_brick_new(pbs_bricks *b, uint32_t index) {
     uint32_t m = b->morton[index];
-    if (m >= PBS_BRICKS) return spare(b, index);
-    char **slab = &b->slab[b->count / PBS_BRICK_SLAB];
-    if (!*slab && !b->rc)
-        b->rc = pbs_alloc(b->run, slab, PBS_BRICK_SLAB, b->bytes, "a block's cells", &b->err);
-    if (!*slab) return spare(b, index);
-    pbs_brick *p = (void *)(*slab + b->count % PBS_BRICK_SLAB * b->bytes);
-    memset(p, 0, b->bytes);
+    if (m >= PBS_BRICKS) return b->at[index] = b->spare;
+    pbs_brick *p =
+        (void *)(b->brick[b->count / PBS_BRICK_SLAB] + b->count % PBS_BRICK_SLAB * b->brick_bytes);
+    memset(p, 0, b->brick_bytes);
     b->count++;
     b->used[m / 64] |= UINT64_C(1) << m % 64;
     return b->at[index] = p;
 }
 
-static int64_t *new_wide(pbs_bricks *b) {
-    size_t n = 64 * (PBS_SUMS + b->extras) * sizeof(int64_t);
-    if (b->rc) return NULL;
-    if (!b->wide) {
-        b->rc = pbs_alloc(b->run, &b->wide, PBS_BRICKS + 1, sizeof *b->wide, "large sums", &b->err);
-        if (b->rc) return NULL;
-        memset(b->wide, 0, (PBS_BRICKS + 1) * sizeof *b->wide);
-    }
-    int64_t **p = &b->wide[b->wide_count];
-    if (!*p) b->rc = pbs_alloc(b->run, p, 1, n, "large sums", &b->err);
-    if (!*p) return NULL;
-    memset(*p, 0, n);
-    b->wide_count++;
-    return *p;
+/* ---- second records ---- */
+
+static int64_t *wide_of(const pbs_bricks *b, const int64_t *record) {
+    uint32_t n = (uint32_t)(record[PBS_REC_FLAGS] >> PBS_REC_WIDE);
+    if (!n) return NULL;
+    return b->wide[n / PBS_RECORD_SLAB] + (size_t)(n % PBS_RECORD_SLAB) * b->numbers;
 }
 
-static void widen(int64_t *v, int64_t *wide, uint32_t n) {
-    for (uint32_t i = 0; i < n; i++) {
-        int64_t upper = v[i] >> PBS_WIDE_BITS;
-        wide[i] += upper;
-        v[i] -= upper * (INT64_C(1) << PBS_WIDE_BITS);
+static int64_t *new_wide(pbs_bricks *b, int64_t *record) {
+    uint32_t n = b->wides;
+    if (!take(b, &b->wide[n / PBS_RECORD_SLAB], PBS_RECORD_SLAB, b->numbers * sizeof(int64_t)))
+        return NULL;
+    record[PBS_REC_FLAGS] |= (int64_t)n << PBS_REC_WIDE;
+    b->wides++;
+    int64_t *w = wide_of(b, record);
+    memset(w, 0, b->numbers * sizeof *w);
+    return w;
+}
+
+void pbs_record_widen(pbs_bricks *b, int64_t *record) {
+    int64_t *wide = wide_of(b, record);
+    if (!wide) wide = new_wide(b, record);
+    for (uint32_t i = 0; i < b->numbers; i++) {
+        if (i == PBS_REC_FLAGS) continue;
+        int64_t upper = record[i] >> PBS_WIDE_BITS;
+        record[i] -= upper * (INT64_C(1) << PBS_WIDE_BITS);
+        if (wide) wide[i] += upper; /* without, there is an error already */
     }
 }
 
-void pbs_brick_widen(pbs_bricks *b, pbs_brick *p, uint32_t cell) {
-    if (p == b->spare || (!p->wide && !(p->wide = new_wide(b)))) {
-        /* What is in the spare brick, or has no room, is never looked at. */
-        memset(pbs_brick_sums(p, cell), 0, PBS_SUMS * sizeof(int64_t));
-        memset(pbs_brick_extra(p, cell, b->extras), 0, b->extras * sizeof(int64_t));
-        return;
-    }
-    widen(pbs_brick_sums(p, cell), p->wide + PBS_SUMS * cell, PBS_SUMS);
-    widen(pbs_brick_extra(p, cell, b->extras), p->wide + PBS_SUMS * 64 + b->extras * cell,
-          b->extras);
+__int128 pbs_record_total(const pbs_bricks *b, const int64_t *record, uint32_t i) {
+    const int64_t *wide = wide_of(b, record);
+    __int128 upper = wide ? wide[i] : 0;
+    return record[i] + upper * (INT64_C(1) << PBS_WIDE_BITS);
 }
 
-__int128 pbs_brick_total(const pbs_bricks *b, const pbs_brick *p, uint32_t cell, uint32_t i) {
-    size_t k = i < PBS_SUMS ? PBS_SUMS * cell + i
-                            : PBS_SUMS * 64 + b->extras * (size_t)cell + i - PBS_SUMS;
-    __int128 v = ((const int64_t *)(p + 1))[k];
-    if (p->wide) v += (__int128)p->wide[k] * (INT64_C(1) << PBS_WIDE_BITS);
-    return v;
+void pbs_record_clear(pbs_bricks *b, int64_t *record) {
+    int64_t flags = record[PBS_REC_FLAGS] & ~(int64_t)PBS_REC_BARE, *wide = wide_of(b, record);
+    memset(record, 0, b->numbers * sizeof *record);
+    if (wide) memset(wide, 0, b->numbers * sizeof *wide);
+    record[PBS_REC_FLAGS] = flags;
 }

@@ -31,9 +31,10 @@ typedef struct pbs_placing {
 
 typedef struct pbs_batch {
     pbs_triangles t;
-    _Alignas(32) double unit[PBS_TRIANGLES][4];   /* PBS_UNIT times 1 and the unit normal, outwards,
-                                                     or towards the fixed side; 0 without area */
-    _Alignas(32) double normal[3][PBS_TRIANGLES]; /* the same, length 1 */
+    _Alignas(32) double unit[PBS_TRIANGLES][4];     /* PBS_UNIT times: the unit normal, outwards or
+                                                       towards the fixed side, 0 without area; and 1,
+                                                       behind it or, beyond the plane, before it */
+    _Alignas(32) double normal[3][PBS_TRIANGLES];   /* the same, length 1 */
     _Alignas(32) float smooth[3][3][PBS_TRIANGLES]; /* vertex normals, placed; any length */
     uint32_t id[PBS_TRIANGLES];                     /* of the mesh */
     uint8_t faces[PBS_TRIANGLES];                   /* that it looks out of */

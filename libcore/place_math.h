@@ -161,11 +161,12 @@ LANE void normals_all(const pbs_placing *g, pbs_batch *b) {
         if (g->both) beyond = one & 0;
         for (int lane = 0; lane < 4; lane++) {
             double *u = b->unit[i + (uint32_t)lane];
-            u[0] = PBS_UNIT;
-            u[1] = PBS_UNIT * n[0][lane], u[2] = PBS_UNIT * n[1][lane];
-            u[3] = PBS_UNIT * n[2][lane];
+            bool far = beyond[lane];
+            u[far ? 0 : 3] = PBS_UNIT;
+            u[far] = PBS_UNIT * n[0][lane], u[far + 1] = PBS_UNIT * n[1][lane];
+            u[far + 2] = PBS_UNIT * n[2][lane];
             b->faces[i + (uint32_t)lane] = (uint8_t)faces[lane];
-            b->slot[i + (uint32_t)lane] = (uint8_t)(beyond[lane] & 1);
+            b->slot[i + (uint32_t)lane] = far;
         }
     }
 }

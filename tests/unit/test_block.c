@@ -114,13 +114,14 @@ static void *copy(const void *from, size_t n) {
 
 static void total(const pbs_block *b, double sum[4]) {
     __int128 all[8] = {0};
-    for (uint32_t m = 0; m < PBS_BRICKS; m++) {
-        const pbs_brick *p = b->bricks.at[b->bricks.place[m]];
-        for (uint32_t c = 0; p && !b->set_alone && c < 64; c++)
-            for (uint32_t i = 0; i < 8 && !(p->bare >> c & 1); i++)
-                all[i] += pbs_brick_total(&b->bricks, p, c, i);
+    for (uint32_t n = 1; n < b->bricks.records; n++) {
+        const int64_t *r = pbs_record_at(&b->bricks, n);
+        for (uint32_t i = 0; i < 8 && !(r[PBS_REC_FLAGS] & PBS_REC_BARE); i++)
+            all[i] += pbs_record_total(&b->bricks, r, i);
     }
-    for (int i = 0; i < 4; i++) sum[i] = (double)(all[i] + all[i + 4]) / PBS_UNIT;
+    sum[0] = (double)all[PBS_REC_AREA] / PBS_UNIT;
+    for (int i = 0; i < 3; i++)
+        sum[i + 1] = (double)(all[PBS_REC_NEAR + i] + all[PBS_REC_BEYOND + i]) / PBS_UNIT;
 }
 
 static uint32_t list[MOST];
@@ -279,7 +280,7 @@ TEST(order_calls_and_instructions_do_not_matter) {
             how other = h;
             other.order = k % 4;
             other.portable = k == 4;
-            other.wide_at = k == 5 ? INT64_C(1) << 38 : 0;
+            other.wide_at = k == 5 ? INT64_C(1) << 39 : 0;
             result b = work(&other, &one.mesh);
             CHECK_NUM(same(&a, &b), 10 * i + k);
             drop(&b);
