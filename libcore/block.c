@@ -9,6 +9,8 @@ typedef l4 l4_at __attribute__((aligned(8), may_alias));
 /* Vectors are returned from inlined functions only, so how the ABI does that is no matter. */
 #pragma GCC diagnostic ignored "-Wpsabi"
 
+#define LANE __attribute__((always_inline)) static inline
+
 /* ---- fragments ---- */
 
 /* A cell that is only touched so far is counted by touches; the first area replaces them. False: a
@@ -23,12 +25,12 @@ static __attribute__((noinline)) bool touch(pbs_bricks *k, int64_t *record, bool
 }
 
 /* To whole numbers, as they lie behind the binary point of a number of this size. */
-__attribute__((always_inline)) static inline l4 whole(const d4 *v) {
+LANE l4 whole(const d4 *v) {
     const d4 magic = {0x1.8p52, 0x1.8p52, 0x1.8p52, 0x1.8p52};
     return (l4)(*v + magic) - (l4)magic;
 }
 
-static inline void add_extras(int64_t *to, uint32_t n, int64_t area, const int32_t *value) {
+LANE void add_extras(int64_t *to, uint32_t n, int64_t area, const int32_t *value) {
     if (n == 4) {
         for (int i = 0; i < 4; i++) to[i] += area * value[i];
         return;
@@ -37,7 +39,7 @@ static inline void add_extras(int64_t *to, uint32_t n, int64_t area, const int32
 }
 
 /* general false: the triangle's normal and values are the fragment's. Returns its area. */
-static inline int64_t put(pbs_block *b, const pbs_fragment *f, bool general) {
+LANE int64_t put(pbs_block *b, const pbs_fragment *f, bool general) {
     pbs_bricks *k = &b->bricks;
     uint32_t t = f->triangle, slot = b->batch.slot[t];
     double own[4];
@@ -55,7 +57,7 @@ static inline int64_t put(pbs_block *b, const pbs_fragment *f, bool general) {
     int64_t *record = pbs_brick_record(k, p, code & 63);
     d4 each = *(const d4_at *)(const void *)unit, v = f->area * each;
     l4 q = whole(&v);
-    int64_t area = slot ? q[0] : q[3], weight = area;
+    int64_t area = lrint(f->area * PBS_UNIT), weight = area, before = record[PBS_REC_AREA];
     if (__builtin_expect(!area || record[PBS_REC_FLAGS] & PBS_REC_BARE, 0)) {
         bool counts = touch(k, record, fresh, !area);
         q = !counts ? q & 0 : area ? q : whole(&each);
@@ -65,7 +67,7 @@ static inline int64_t put(pbs_block *b, const pbs_fragment *f, bool general) {
     if (b->extras) add_extras(record + PBS_REC_EXTRA, b->extras, weight, value);
     record[PBS_REC_FLAGS] |= b->batch.faces[t];
     b->hit |= UINT64_C(1) << t;
-    if (__builtin_expect(record[PBS_REC_AREA] > b->wide_at, 0)) pbs_record_widen(k, record);
+    if (__builtin_expect(before + weight > b->wide_at, 0)) pbs_record_widen(k, record);
     if (general && b->params.per_face)
         pbs_face_sums_add(
             &b->face_sums, code, b->material[t], b->batch.faces[t], area,

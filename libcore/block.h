@@ -43,7 +43,7 @@ typedef struct pbs_block_params {
 } pbs_block_params;
 
 /* Bytes that a block takes at most without colours, materials, and attributes of faces. */
-#define PBS_BLOCK_MEMORY ((size_t)24 << 20)
+#define PBS_BLOCK_MEMORY ((size_t)26 << 20)
 
 /* One thread's scratch. Kept from block to block: fresh memory costs as much as the work. */
 typedef struct pbs_block pbs_block;

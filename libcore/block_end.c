@@ -131,7 +131,7 @@ static bool find_caps(const uint32_t corner[3], uint64_t caps[6]) {
 static void put_cells(walk *w, const pbs_brick *p, uint32_t index, uint64_t voxels,
                       const uint32_t corner[3], const uint64_t hidden[6]) {
     pbs_block_out *o = &w->b->out;
-    bool records = w->b->bricks.sums;
+    const pbs_bricks *k = &w->b->bricks;
     uint64_t caps[6];
     bool any_caps = find_caps(corner, caps);
     uint32_t place = PBS_PLACE(corner[0], corner[1], corner[2], 0);
@@ -143,10 +143,17 @@ static void put_cells(walk *w, const pbs_brick *p, uint32_t index, uint64_t voxe
         for (; some; some &= some - 1) {
             uint32_t c = (uint32_t)__builtin_ctzll(some), cell = 8 * (uint32_t)i + c;
             o->voxels.place[n] = place + w->in_brick[cell];
-            o->chosen[n++] = (pbs_chosen){.code = index * 64 + cell,
-                                          .record = records ? p->record[cell] : p->faces[cell],
-                                          .hide = (uint8_t)(hide >> 8 * c),
-                                          .caps = (uint8_t)(cap >> 8 * c)};
+            pbs_chosen *to = &o->chosen[n++];
+            *to = (pbs_chosen){.code = index * 64 + cell,
+                               .hide = (uint8_t)(hide >> 8 * c),
+                               .caps = (uint8_t)(cap >> 8 * c)};
+            if (!k->sums)
+                to->faces = p->faces[cell];
+            else {
+                to->record = pbs_record_at(k, p->record[cell]);
+                __builtin_prefetch(to->record);
+                __builtin_prefetch(to->record + k->numbers - 1);
+            }
         }
     }
     o->voxels.count = n;
@@ -178,12 +185,13 @@ static void count(const walk *w, pbs_block_stats *out) {
                              .kept = (double)w->kept / PBS_UNIT};
 }
 
-/* As many cells as may become voxels. */
+/* As many cells as may become voxels. Asks for the memory that is read next. */
 static size_t most_voxels(const pbs_bricks *k) {
     size_t n = 0;
     for (uint32_t i = 0; i < k->count; i++) {
         const pbs_brick *p = pbs_brick_number(k, i);
         n += (size_t)__builtin_popcountll(p->seen | k->six[p->index]);
+        for (size_t at = 64; at < k->brick_bytes; at += 64) __builtin_prefetch((char *)p + at);
     }
     return n;
 }

@@ -62,8 +62,9 @@ bool pbs_face_light(const pbs_face_sums *s, uint32_t code, int face, double out[
 
 /* A cell that becomes a voxel. */
 typedef struct pbs_chosen {
+    const int64_t *record;
     uint32_t code;
-    uint32_t record;    /* 0: it has none */
+    uint8_t faces;      /* that it looks out of, if there are no records */
     uint8_t hide, caps; /* faces that others hide; faces that are there always */
 } pbs_chosen;
 
@@ -96,6 +97,7 @@ struct pbs_block {
     int32_t value[PBS_TRIANGLES][PBS_EXTRAS];
     uint32_t plain_material; /* what plain was made of */
     int32_t plain[PBS_EXTRAS];
+    const pbs_srgb_table *srgb;
     uint16_t light[256]; /* sRGB to linear light */
     pbs_draw draw;
     pbs_placed placed;

@@ -2,13 +2,13 @@
 
 void pbs_block_shade_init(pbs_block *b) {
     const pbs_block_params *p = &b->params;
-    const pbs_srgb_table *srgb = pbs_srgb();
+    b->srgb = pbs_srgb();
     b->want = p->channels & (PBS_COLOUR | PBS_MATERIAL | PBS_EMISSIVE);
     if (p->per_face == PBS_PER_FACE_COLOUR) b->want |= PBS_COLOUR;
     b->at_material = b->want & PBS_COLOUR ? 4 : 0;
     b->at_emissive = b->at_material + (b->want & PBS_MATERIAL ? 2 : 0);
     b->extras = b->at_emissive + (b->want & PBS_EMISSIVE ? 3 : 0);
-    for (int i = 0; i < 256; i++) b->light[i] = (uint16_t)(srgb->linear[i] * PBS_LIGHT + 0.5f);
+    for (int i = 0; i < 256; i++) b->light[i] = (uint16_t)(b->srgb->linear[i] * PBS_LIGHT + 0.5f);
 }
 
 /* ---- of a triangle ---- */

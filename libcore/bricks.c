@@ -34,6 +34,11 @@ pbs_code pbs_bricks_init(pbs_bricks *b, pbs_run *run, bool sums, uint32_t extras
     make_tables(b);
     pbs_code rc = pbs_alloc(run, &b->spare, 1, b->brick_bytes, "a block's cells", err);
     if (!rc) memset(b->spare, 0, b->brick_bytes);
+    if (!rc && sums && !pbs_bricks_reserve(b, 1)) rc = pbs_fail(err, b->rc, "%s", b->err.text);
+    if (!rc && sums) {
+        memset(b->record[0], 0, b->numbers * sizeof(int64_t));
+        b->record[0][PBS_REC_FLAGS] = PBS_REC_BARE;
+    }
     return rc;
 }
 

@@ -26,7 +26,8 @@ enum {
  * it, flags; then the extras. So either side's sums and the area lie side by side. */
 enum { PBS_REC_NEAR, PBS_REC_AREA = 3, PBS_REC_BEYOND, PBS_REC_FLAGS = 7, PBS_REC_EXTRA };
 
-/* Flags: from the lowest bit on, directions it is seen from and PBS_VOXEL_TWO_SIDED; */
+/* Record 0 is nobody's and empty. Flags: from the lowest bit on, directions it is seen from and
+ * PBS_VOXEL_TWO_SIDED; */
 #define PBS_REC_BARE  256 /* no area so far: each thing in it weighs PBS_UNIT */
 #define PBS_REC_WIDE  32  /* from this bit on: the number of its second record, or 0 */
 #define PBS_WIDE_BITS 24  /* what that one counts in */
