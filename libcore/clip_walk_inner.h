@@ -221,8 +221,10 @@ static void clip_axes(clip_job *job, const double n[3]) {
     job->w = first, job->u = (first + 1) % 3, job->v = (first + 2) % 3;
 }
 
-static void clip_walk(const double corner[3][3], const double n[3], uint32_t triangle,
-                      bool centroids, pbs_fragments *out) {
+static void clip_walk(const double corner[3][3], uint32_t triangle, bool centroids,
+                      pbs_fragments *out) {
+    double n[3];
+    pbs_clip_normal(corner, n);
     double length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]), far = PBS_BLOCK;
     clip_job job = {.corner = corner,
                     .flat = !(length > 0),
