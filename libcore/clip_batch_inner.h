@@ -2,8 +2,8 @@
 #ifndef PBS_CLIP_BATCH_INNER_H
 #define PBS_CLIP_BATCH_INNER_H
 
+#include "libcore/clip_large_inner.h"
 #include "libcore/clip_small_inner.h"
-#include "libcore/clip_walk_inner.h"
 
 enum { CLIP_OUTSIDE = 27 * 2, CLIP_CODES };
 
@@ -42,7 +42,7 @@ LANE void clip_look_four(const pbs_triangles *t, uint32_t i, clip_look *look) {
 
 /* The axes that are cut, in front; how many these are: 3 and a little for what spans more than
  * two cells. */
-enum { CLIP_WALKED = 4, CLIP_NOWHERE };
+enum { CLIP_LARGE = 4, CLIP_NOWHERE };
 typedef struct clip_kind {
     uint8_t kind, axis[3];
 } clip_kind;
@@ -55,7 +55,7 @@ static inline clip_kind clip_kind_of(int code) {
                                     -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1};
     if (code == CLIP_OUTSIDE) return (clip_kind){CLIP_NOWHERE, {0}};
     if (code == 27) return (clip_kind){0, {0, 1, 2}};
-    if (code > 27 || bits[code] < 0) return (clip_kind){CLIP_WALKED, {0}};
+    if (code > 27 || bits[code] < 0) return (clip_kind){CLIP_LARGE, {0}};
     return table[bits[code]];
 }
 
@@ -109,10 +109,10 @@ static void clip_batch(const pbs_triangles *t, bool centroids, pbs_fragments *ou
         if (kind.kind == CLIP_NOWHERE) continue;
         if (kind.kind == 0) {
             clip_single(&s, &look, i, centroids);
-        } else if (kind.kind == CLIP_WALKED) {
+        } else if (kind.kind == CLIP_LARGE) {
             double p[3][3];
             clip_corners(t, i, p);
-            clip_walk((const double(*)[3])p, i, centroids, out);
+            clip_large((const double(*)[3])p, i, centroids, out);
         } else {
             clip_list *l = &list[kind.kind - 1];
             l->index[l->count] = (uint8_t)i;
