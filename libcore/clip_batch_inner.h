@@ -19,6 +19,7 @@ LANE void clip_look_four(const pbs_triangles *t, uint32_t i, clip_look *look) {
     d4 e[2][3], n[3], code = all4(0), most = all4(0), terms = all4(0), far = all4(0);
     l4 outside = (l4)code;
     const d4 two = all4(2);
+    UNROLL
     for (int k = 0; k < 3; k++) {
         d4 low = at4(&t->min[k][i]), high = at4(&t->max[k][i]), from = floor4(low);
         outside |= (l4)(high < 0) | (l4)(low >= PBS_BLOCK);
@@ -28,6 +29,7 @@ LANE void clip_look_four(const pbs_triangles *t, uint32_t i, clip_look *look) {
         d4 p = at4(&t->p[0][k][i]);
         e[0][k] = at4(&t->p[1][k][i]) - p, e[1][k] = at4(&t->p[2][k][i]) - p;
     }
+    UNROLL
     for (int k = 0; k < 3; k++) {
         int a = (k + 1) % 3, b = (k + 2) % 3;
         d4 x = e[0][a] * e[1][b], y = e[0][b] * e[1][a];
@@ -37,6 +39,7 @@ LANE void clip_look_four(const pbs_triangles *t, uint32_t i, clip_look *look) {
     }
     code += pick((l4)(most < terms * 0x1p-20), all4(27), all4(0));
     put4(&look->code[i], pick(outside, all4(CLIP_OUTSIDE), code));
+    UNROLL
     for (int c = 0; c < 4; c++) look->area[i + (uint32_t)c] = sqrt(far[c]) / 2;
 }
 

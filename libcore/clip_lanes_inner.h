@@ -15,6 +15,8 @@ typedef double d4 __attribute__((vector_size(32)));
 typedef int64_t l4 __attribute__((vector_size(32)));
 typedef d4 d4_at __attribute__((aligned(8), may_alias));
 #define LANE __attribute__((always_inline)) static inline
+/* So that vectors in arrays stay in registers. */
+#define UNROLL _Pragma("GCC unroll 8")
 
 /* Vectors are passed to inlined functions only, so how the ABI does that is no matter. */
 #pragma GCC diagnostic ignored "-Wpsabi"
@@ -74,6 +76,7 @@ typedef struct tip4 {
 
 /* The value of the corner that is alone, the next one, the last. */
 LANE void tip_turn(const tip4 *t, const d4 x[3], d4 out[3]) {
+    UNROLL
     for (int i = 0; i < 3; i++)
         out[i] = pick(t->third, x[(i + 2) % 3], pick(t->second, x[(i + 1) % 3], x[i]));
 }
@@ -106,7 +109,9 @@ typedef struct part4 {
 
 /* The tip that the plane of an axis cuts off; distances only from that axis on. */
 LANE part4 part_tip(const part4 *p, const tip4 *t, int axes, bool centroids) {
-    part4 r = {.f = p->f * (t->next * t->last)};
+    part4 r;
+    r.f = p->f * (t->next * t->last);
+    UNROLL
     for (int k = 1; k < axes; k++) tip_corners(t, p->x[k], r.x[k]);
     if (centroids) tip_corners(t, p->a, r.a), tip_corners(t, p->b, r.b);
     return r;

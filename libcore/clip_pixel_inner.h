@@ -43,12 +43,14 @@ LANE void pixel_edges(const clip_job *job, d4 u, d4 v, pixel_four *f) {
     d4 e[3][4];
     l4 crosses[3];
     double turn = job->normal[2] > 0 ? 1 : -1;
+    UNROLL
     for (int k = 0; k < 3; k++) {
         double du = turn * job->d[k][0], dv = turn * job->d[k][1];
         pixel_corners(du * (v - job->p[k][1]) - dv * (u - job->p[k][0]), -dv, du, e[k]);
         crosses[k] = (l4)(pixel_least(e[k]) < 0);
     }
     l4 second = crosses[0] & crosses[1], third = (crosses[0] | crosses[1]) & crosses[2] & ~second;
+    UNROLL
     for (int c = 0; c < 4; c++) {
         f->edge[0][c] = pick(crosses[0], e[0][c], pick(crosses[1], e[1][c], e[2][c]));
         f->edge[1][c] = pick(second, e[1][c], pick(third, e[2][c], all4(1)));
@@ -85,9 +87,11 @@ LANE mass4 pixel_inside(const part4 *p, const part4 *tip, l4 below0, l4 below1, 
  * second. */
 LANE void pixel_half(const pixel_four *f, const int corner[3], bool edges, bool two, int cuts,
                      bool centroids, mass4 sum[3]) {
-    part4 p = {.f = all4(0.5)}, tip[3];
+    part4 p, tip[3];
     l4 below0 = {0}, below1 = {0}, below01 = {0};
     int axes = 2 + cuts;
+    p.f = all4(0.5);
+    UNROLL
     for (int c = 0; c < 3; c++) {
         int at = corner[c];
         p.a[c] = all4(at & 1), p.b[c] = all4(at >> 1);
@@ -106,6 +110,7 @@ LANE void pixel_half(const pixel_four *f, const int corner[3], bool edges, bool 
             tip[2] = part_tip(&tip[0], &xy, axes, centroids);
         }
     }
+    UNROLL
     for (int k = 0; k <= cuts; k++) {
         mass4 m;
         int axis = k ? 1 + k : 0;
@@ -170,6 +175,7 @@ LANE void pixel_place(const clip_job *job, const mass4 *m, d4 u, d4 v, float out
     d4 y = min4(max4((m->b + little) * share, zero), one) + (v - job->p[0][1]);
     const double *to = job->place;
     d4 a = min4(max4(to[0] * x + to[1] * y, zero), one), b = max4(to[2] * x + to[3] * y, zero);
+    UNROLL
     for (int i = 0; i < 4; i++) {
         outu[i] = (float)a[i];
         float most = 1 - outu[i], w = (float)b[i];
@@ -202,13 +208,14 @@ static void pixel_emit(const clip_job *job, const int8_t at[2], const pixel_resu
 }
 
 LANE void pixel_flush_as(const clip_job *job, clip_pixels *px, bool edges, bool centroids) {
-    pixel_four f = {.crowded = {0}};
+    pixel_four f;
+    f.crowded = (l4)all4(0);
     pixel_result r;
     mass4 m[3];
     d4 u, v;
+    UNROLL
     for (int i = 0; i < 4; i++) {
-        int last = i < px->count ? i : px->count - 1;
-        u[i] = px->at[last][0], v[i] = px->at[last][1];
+        u[i] = px->at[i][0], v[i] = px->at[i][1];
     }
     double g = job->slope[0], h = job->slope[1];
     pixel_corners((job->p[0][2] - job->level) + (g * (u - job->p[0][0]) + h * (v - job->p[0][1])),
@@ -218,6 +225,7 @@ LANE void pixel_flush_as(const clip_job *job, clip_pixels *px, bool edges, bool 
     f.cut = any4((l4)(high > f.first + 1)), f.cut2 = any4((l4)(high > f.first + 2));
     if (edges) pixel_edges(job, u, v, &f);
     pixel_masses(&f, edges, centroids, m);
+    UNROLL
     for (int k = 0; k < 3; k++) {
         put4(r.area[k], job->stretch * max4(m[k].f, all4(0)));
         if (centroids)
@@ -233,6 +241,7 @@ LANE void pixel_flush_as(const clip_job *job, clip_pixels *px, bool edges, bool 
 
 static void pixel_flush(const clip_job *job, clip_pixels *px, bool edges) {
     if (!px->count) return;
+    for (int i = px->count; i < 4; i++) memcpy(px->at[i], px->at[0], sizeof px->at[0]);
     if (edges) {
         if (job->centroids)
             pixel_flush_as(job, px, true, true);

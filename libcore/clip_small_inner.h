@@ -37,6 +37,7 @@ LANE void small_masses(const part4 *p, int axes, bool centroids, mass4 out[8]) {
     low[0] = mass_pick(below, tip_low, mass_less(yz, tip_low));
     low[1] = mass_less(yz, low[0]), low[2] = mass_less(xz, low[0]);
     low[3] = mass_less(mass_less(z, xz), low[1]);
+    UNROLL
     for (int i = 0; i < 4; i++) out[4 + i] = mass_less(out[i], low[i]), out[i] = low[i];
 }
 
@@ -56,10 +57,12 @@ LANE l4 small_edges(const part4 *p, int i, int j, d4 *area, l4 *none, l4 *doubt)
     d4 s = (x[1] - x[0]) * (y[2] - y[0]) - (y[1] - y[0]) * (x[2] - x[0]);
     l4 gone = (l4)zero;
     *none = gone;
+    UNROLL
     for (int e = 0; e < 3; e++) {
         d4 dx = x[(e + 1) % 3] - x[e], dy = y[(e + 1) % 3] - y[e];
         *none |= (l4)(dx == 0) & (l4)(dy == 0);
     }
+    UNROLL
     for (int e = 0; e < 3; e++) {
         d4 dx = x[(e + 1) % 3] - x[e], dy = y[(e + 1) % 3] - y[e];
         d4 g = dx * y[e] - dy * x[e];
@@ -90,6 +93,7 @@ LANE l4 small_touched(const part4 *p, int axes, l4 *doubt) {
     /* A normal with a component of 0 is across an edge's view: seen there already. */
     d4 d = -(n[0] * p->x[0][0] + n[1] * p->x[1][0] + n[2] * p->x[2][0]);
     l4 turn = (l4)(d < 0), wall = none[0] | none[1] | none[2], cells = (l4)all4(0) + 0xff;
+    UNROLL
     for (int k = 0; k < 3; k++) cells &= small_side((l4)(n[k] > 0) ^ turn, k);
     *doubt |= (l4)(abs4(d) <= 0x1p-45) & ~wall;
     return ~(gone | (cells & ~wall)) & 0xff;
@@ -150,6 +154,7 @@ LANE void small_place(const mass4 *m, float u[4], float v[4]) {
     d4 share = 1 / (3 * (max4(m->f, zero) + little));
     d4 x = min4(max4((m->a + little) * share, zero), one);
     d4 y = max4((m->b + little) * share, zero);
+    UNROLL
     for (int i = 0; i < 4; i++) {
         u[i] = (float)x[i];
         float most = 1 - u[i], b = (float)y[i];
@@ -159,21 +164,27 @@ LANE void small_place(const mass4 *m, float u[4], float v[4]) {
 
 LANE void small_four(const clip_small *s, const uint8_t index[4], const uint8_t (*axis)[3],
                      int count, int axes, bool centroids) {
-    part4 p = {.f = all4(1)};
+    part4 p;
     mass4 m[8];
     d4 area;
     small_result r;
+    UNROLL
     for (int i = 0; i < 4; i++) {
         uint32_t at = index[i];
         area[i] = s->area[at];
+        UNROLL
         for (int k = 0; k < axes; k++) {
             int a = axis[i][k];
             double plane = s->low[a][at] + 1;
+            UNROLL
             for (int c = 0; c < 3; c++) p.x[k][c][i] = s->t->p[c][a][at] - plane;
         }
     }
+    p.f = all4(1);
+    UNROLL
     for (int c = 0; c < 3; c++) p.a[c] = all4(c == 1), p.b[c] = all4(c == 2);
     small_masses(&p, axes, centroids, m);
+    UNROLL
     for (int o = 0; o < 1 << axes; o++) {
         put4(r.area[o], area * max4(m[o].f, all4(0)));
         if (centroids)
