@@ -39,8 +39,7 @@ LANE void clip_look_four(const pbs_triangles *t, uint32_t i, clip_look *look) {
     }
     code += pick((l4)(most < terms * 0x1p-20), all4(27), all4(0));
     put4(&look->code[i], pick(outside, all4(CLIP_OUTSIDE), code));
-    UNROLL
-    for (int c = 0; c < 4; c++) look->area[i + (uint32_t)c] = sqrt(far[c]) / 2;
+    put4(&look->area[i], sqrt4(far) * 0.5);
 }
 
 /* The axes that are cut, in front; how many these are: 3 and a little for what spans more than

@@ -12,8 +12,11 @@
 #endif
 
 typedef double d4 __attribute__((vector_size(32)));
+typedef float f4 __attribute__((vector_size(16)));
+typedef int32_t i4 __attribute__((vector_size(16)));
 typedef int64_t l4 __attribute__((vector_size(32)));
 typedef d4 d4_at __attribute__((aligned(8), may_alias));
+typedef f4 f4_at __attribute__((aligned(4), may_alias));
 #define LANE __attribute__((always_inline)) static inline
 /* So that vectors in arrays stay in registers. */
 #define UNROLL _Pragma("GCC unroll 8")
@@ -45,6 +48,24 @@ LANE d4 max4(d4 a, d4 b) {
 }
 LANE d4 min4(d4 a, d4 b) {
     return pick((l4)(a < b), a, b);
+}
+LANE d4 sqrt4(d4 x) {
+#if defined(__AVX2__)
+    return (d4)_mm256_sqrt_pd((__m256d)x);
+#else
+    UNROLL
+    for (int i = 0; i < 4; i++) x[i] = sqrt(x[i]);
+    return x;
+#endif
+}
+/* Barycentric coordinates that rounding may have pushed out of the triangle. */
+LANE void put_place(float u[4], float v[4], d4 a, d4 b) {
+    d4 zero = all4(0);
+    a = min4(max4(a, zero), all4(1)), b = max4(b, zero);
+    f4 x = __builtin_convertvector(a, f4), y = __builtin_convertvector(b, f4), most = 1 - x;
+    i4 less = (i4)(y < most);
+    *(f4_at *)u = x;
+    *(f4_at *)v = (f4)(((i4)y & less) | ((i4)most & ~less));
 }
 /* For |x| < 2^51. */
 LANE d4 floor4(d4 x) {

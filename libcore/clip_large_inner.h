@@ -23,6 +23,25 @@ static void clip_axes(clip_job *job, const double n[3]) {
     job->w = first, job->u = (first + 1) % 3, job->v = (first + 2) % 3;
 }
 
+/* The normal in doubles, unless they cancel. */
+static void clip_normal(const double p[3][3], double n[3]) {
+    double most = 0, terms = 0;
+    for (int k = 0; k < 3; k++) {
+        int a = (k + 1) % 3, b = (k + 2) % 3;
+        double s = (p[1][a] - p[0][a]) * (p[2][b] - p[0][b]);
+        double t = (p[1][b] - p[0][b]) * (p[2][a] - p[0][a]);
+        n[k] = s - t;
+        most = fabs(n[k]) > most ? fabs(n[k]) : most;
+        terms = fabs(s) + fabs(t) > terms ? fabs(s) + fabs(t) : terms;
+    }
+    if (most < terms * 0.125) pbs_clip_normal(p, n);
+}
+
+/* The cell that x is in, or the nearest of the block. */
+static inline int clip_cell_in_block(double x) {
+    return x < 0 ? 0 : x >= PBS_BLOCK ? PBS_BLOCK - 1 : clip_floor(x);
+}
+
 static void clip_edges(clip_job *job) {
     const int axis[3] = {job->u, job->v, job->w};
     double far = PBS_BLOCK;
@@ -34,6 +53,14 @@ static void clip_edges(clip_job *job) {
             far = fabs(job->p[e][k]) > far ? fabs(job->p[e][k]) : far;
         }
     job->margin = far * 0x1p-46;
+}
+
+/* The ends along k. */
+static clip_range clip_ends(const clip_job *job, int k) {
+    clip_range r = {job->p[0][k], job->p[0][k]};
+    clip_add(&r, job->p[1][k]);
+    clip_add(&r, job->p[2][k]);
+    return r;
 }
 
 static void clip_plane(clip_job *job, const double n[3], double length) {
@@ -50,7 +77,7 @@ static void clip_plane(clip_job *job, const double n[3], double length) {
 static void clip_large(const double corner[3][3], uint32_t triangle, bool centroids,
                        pbs_fragments *out) {
     double n[3];
-    pbs_clip_normal(corner, n);
+    clip_normal(corner, n);
     double length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
     clip_job job = {.corner = corner,
                     .flat = !(length > 0),
@@ -65,10 +92,11 @@ static void clip_large(const double corner[3][3], uint32_t triangle, bool centro
     double far = job.margin * 0x1p46;
     bool narrow = length < far * far * 0x1p-18;
     clip_pixels px[2] = {{.count = 0}, {.count = 0}}; /* on edges, covered */
-    double low = fmin(job.p[0][1], fmin(job.p[1][1], job.p[2][1]));
-    double high = fmax(job.p[0][1], fmax(job.p[1][1], job.p[2][1]));
-    int last = high > PBS_BLOCK - 1 ? PBS_BLOCK - 1 : clip_floor(high), from, to;
-    for (int j = low < 0 ? 0 : clip_floor(low); j <= last; j++) {
+    clip_range v = clip_ends(&job, 1), w = clip_ends(&job, 2);
+    job.inside = w.low >= 0 && w.high < PBS_BLOCK;
+    job.lowest = clip_cell_in_block(w.low), job.highest = clip_cell_in_block(w.high);
+    int last = clip_cell_in_block(v.high), from, to;
+    for (int j = clip_cell_in_block(v.low); j <= last; j++) {
         if (!clip_row(&job, j, &from, &to)) continue;
         if (!narrow) pixel_row(&job, j, from, to, px);
         for (int i = from; i <= to && narrow; i++) clip_pixel(&job, i, j);

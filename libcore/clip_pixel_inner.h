@@ -174,13 +174,7 @@ LANE void pixel_place(const clip_job *job, const mass4 *m, d4 u, d4 v, float out
     d4 x = min4(max4((m->a + little) * share, zero), one) + (u - job->p[0][0]);
     d4 y = min4(max4((m->b + little) * share, zero), one) + (v - job->p[0][1]);
     const double *to = job->place;
-    d4 a = min4(max4(to[0] * x + to[1] * y, zero), one), b = max4(to[2] * x + to[3] * y, zero);
-    UNROLL
-    for (int i = 0; i < 4; i++) {
-        outu[i] = (float)a[i];
-        float most = 1 - outu[i], w = (float)b[i];
-        outv[i] = w < most ? w : most;
-    }
+    put_place(outu, outv, to[0] * x + to[1] * y, to[2] * x + to[3] * y);
 }
 
 static void pixel_emit(const clip_job *job, const int8_t at[2], const pixel_result *r, int lane,
@@ -189,7 +183,7 @@ static void pixel_emit(const clip_job *job, const int8_t at[2], const pixel_resu
     int first = clip_floor(level + r->first[lane]);
     int from = clip_floor(r->low[lane] - margin) + (int)level;
     int to = clip_floor(r->high[lane] + margin) + (int)level;
-    from = from < 0 ? 0 : from, to = to < PBS_BLOCK ? to : PBS_BLOCK - 1;
+    from = from < job->lowest ? job->lowest : from, to = to < job->highest ? to : job->highest;
     for (int k = from; k <= to; k++) {
         int place[3] = {at[0], at[1], k}, cell[3], o = k - first;
         if (r->crowded[lane]) {
@@ -283,6 +277,21 @@ static void pixel_covered(const clip_job *job, int j, clip_range *r) {
     if (!(r->low < 65 && r->high > -1)) *r = (clip_range){1, 0};
 }
 
+/* Pixels that are covered, of a triangle across the axis: whole squares. */
+static void pixel_squares(const clip_job *job, int j, int from, int to) {
+    int at[3];
+    const double *place = job->place;
+    at[job->u] = from, at[job->v] = j, at[job->w] = clip_floor(job->p[0][2]);
+    double x = from + 0.5 - job->p[0][0], y = j + 0.5 - job->p[0][1];
+    double u = place[0] * x + place[1] * y, v = place[2] * x + place[3] * y;
+    uint32_t cell = PBS_CELL(at[0], at[1], at[2]), step = 1u << 7 * job->u;
+    for (int i = 0; from + i < to; i++, cell += step)
+        if (job->centroids)
+            clip_put_at(job->out, cell, job->triangle, 1, u + i * place[0], v + i * place[2]);
+        else
+            clip_put(job->out, cell, job->triangle, 1, 0, 0);
+}
+
 static void pixel_row(const clip_job *job, int j, int from, int to, clip_pixels px[2]) {
     clip_range r;
     pixel_covered(job, j, &r);
@@ -290,7 +299,8 @@ static void pixel_row(const clip_job *job, int j, int from, int to, clip_pixels 
     low = low > from ? low : from, high = high < to + 1 ? high : to + 1;
     if (low >= high) low = high = to + 1;
     for (int i = from; i < low; i++) pixel_add(job, &px[0], i, j, true);
-    for (int i = low; i < high; i++) pixel_add(job, &px[1], i, j, false);
+    if (job->even) pixel_squares(job, j, low, high);
+    for (int i = low; i < high && !job->even; i++) pixel_add(job, &px[1], i, j, false);
     for (int i = high; i <= to; i++) pixel_add(job, &px[0], i, j, true);
 }
 #endif

@@ -150,16 +150,9 @@ static void small_emit(const clip_small *s, uint32_t i, const int axis[3], int a
 
 /* Centroids of what may have no area are inside the triangle all the same. */
 LANE void small_place(const mass4 *m, float u[4], float v[4]) {
-    const d4 little = all4(0x1p-100), one = all4(1), zero = all4(0);
-    d4 share = 1 / (3 * (max4(m->f, zero) + little));
-    d4 x = min4(max4((m->a + little) * share, zero), one);
-    d4 y = max4((m->b + little) * share, zero);
-    UNROLL
-    for (int i = 0; i < 4; i++) {
-        u[i] = (float)x[i];
-        float most = 1 - u[i], b = (float)y[i];
-        v[i] = b < most ? b : most;
-    }
+    const d4 little = all4(0x1p-100);
+    d4 share = 1 / (3 * (max4(m->f, all4(0)) + little));
+    put_place(u, v, (m->a + little) * share, (m->b + little) * share);
 }
 
 LANE void small_four(const clip_small *s, const uint8_t index[4], const uint8_t (*axis)[3],

@@ -15,11 +15,12 @@ typedef struct clip_job {
     const double (*corner)[3];
     double p[3][3], d[3][3], over[3][3]; /* edges: from p to the next, and 1 / d (0 if d is) */
     double normal[3], slope[2];          /* dw/du, dw/dv */
-    int u, v, w;
-    bool flat;           /* no area: p is a segment or a point */
-    bool even;           /* w is the same everywhere */
-    double level;        /* a whole number near p[0][2] */
-    double stretch;      /* area of what has area 1 as seen */
+    int u, v, w, lowest, highest;        /* axes; cells of the block between the ends along w */
+    bool flat;                           /* no area: p is a segment or a point */
+    bool even;                           /* w is the same everywhere */
+    bool inside;                         /* all of w is in the block */
+    double level;                        /* a whole number near p[0][2] */
+    double stretch;                      /* area of what has area 1 as seen */
     double place[4];     /* rows: from a place as seen, from corner 0, to a centroid's u and v */
     double area, margin; /* of the triangle; of a position */
     uint32_t triangle;
@@ -198,7 +199,7 @@ static bool clip_row(const clip_job *job, int j, int *from, int *to) {
         clip_add(&r, clip_on_edge(job, e, 0, t.low));
         clip_add(&r, clip_on_edge(job, e, 0, t.high));
     }
-    if (!job->flat) clip_row_in_block(job, j, &r);
+    if (!job->flat && !job->inside) clip_row_in_block(job, j, &r);
     if (!(r.low - m < PBS_BLOCK && r.high + m >= 0)) return false;
     *from = r.low < 1 ? 0 : clip_floor(r.low - m);
     *to = r.high > PBS_BLOCK - 1 ? PBS_BLOCK - 1 : clip_floor(r.high + m);
