@@ -83,9 +83,13 @@ static bool plane_exact(int64_t q[3][3]) {
     return !(low < 0 || (low == 0 && low_out) || high > 0 || (high == 0 && high_out));
 }
 
+static void from_cell(const double p[3][3], const int cell[3], int64_t q[3][3]) {
+    for (int i = 0; i < 9; i++) q[i / 3][i % 3] = pbs_fixed(p[i / 3][i % 3] - cell[i % 3]);
+}
+
 static bool meets_exact(const double p[3][3], const int cell[3]) {
     int64_t q[3][3];
-    for (int i = 0; i < 9; i++) q[i / 3][i % 3] = pbs_fixed(p[i / 3][i % 3] - cell[i % 3]);
+    from_cell(p, cell, q);
     for (int i = 0; i < 9; i++)
         if (!edge_exact(q, i / 3, (i + 1) % 3, (i + 2) % 3)) return false;
     return plane_exact(q);
@@ -105,6 +109,12 @@ bool pbs_clip_meets(const double p[3][3], const int cell[3]) {
         sure = v < sure ? v : sure;
     }
     return sure == TOGETHER || meets_exact(p, cell);
+}
+
+bool pbs_clip_meets_plane(const double p[3][3], const int cell[3]) {
+    int64_t q[3][3];
+    from_cell(p, cell, q);
+    return plane_exact(q);
 }
 
 void pbs_clip_normal(const double p[3][3], double n[3]) {

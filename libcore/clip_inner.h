@@ -11,6 +11,9 @@
  * decide nearly always. */
 bool pbs_clip_meets(const double p[3][3], const int cell[3]);
 
+/* The same where the cell lies above a pixel that is covered, so that only the plane decides. */
+bool pbs_clip_meets_plane(const double p[3][3], const int cell[3]);
+
 /* The normal, twice as long as the area, each component right to a rounding: 0 if it is 0. */
 void pbs_clip_normal(const double p[3][3], double n[3]);
 

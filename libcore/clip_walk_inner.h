@@ -1,5 +1,5 @@
-/* clip_walk_inner.h: any triangle, cell by cell: rows of pixels in the plane that it is seen best
- * in, pixels of the row, cells above the pixel.
+/* clip_walk_inner.h: a triangle seen along the axis that is nearest to its normal: rows of pixels,
+ * and any triangle, needles too, pixel by pixel and cell by cell.
  *
  * Cells are found with margins for rounding, and kept if their piece is certainly larger than
  * nothing, or if the exact test says so. Pieces are polygons in the triangle's own coordinates, so
@@ -15,8 +15,13 @@ typedef struct clip_job {
     const double (*corner)[3];
     double p[3][3], d[3][3], over[3][3]; /* edges: from p to the next, and 1 / d (0 if d is) */
     double normal[3], slope[2];          /* dw/du, dw/dv */
-    int u, v, w;
-    bool flat;           /* no area: p is a segment or a point */
+    int u, v, w, lowest, highest;        /* axes; cells of the block between the ends along w */
+    bool flat;                           /* no area: p is a segment or a point */
+    bool even;                           /* w is the same everywhere */
+    bool inside;                         /* all of w is in the block */
+    double level;                        /* a whole number near p[0][2] */
+    double stretch;                      /* area of what has area 1 as seen */
+    double place[4];     /* rows: from a place as seen, from corner 0, to a centroid's u and v */
     double area, margin; /* of the triangle; of a position */
     uint32_t triangle;
     bool centroids;
@@ -183,7 +188,8 @@ static void clip_row_in_block(const clip_job *job, int j, clip_range *r) {
     r->high = y + 1 < r->high ? y + 1 : r->high;
 }
 
-static void clip_row(const clip_job *job, int j) {
+/* The pixels of a row that the triangle may be in, from .. to. */
+static bool clip_row(const clip_job *job, int j, int *from, int *to) {
     clip_range r = {INFINITY, -INFINITY};
     double m = job->margin;
     for (int e = 0; e < 3; e++) {
@@ -193,60 +199,10 @@ static void clip_row(const clip_job *job, int j) {
         clip_add(&r, clip_on_edge(job, e, 0, t.low));
         clip_add(&r, clip_on_edge(job, e, 0, t.high));
     }
-    if (!job->flat) clip_row_in_block(job, j, &r);
-    if (!(r.low - m < PBS_BLOCK && r.high + m >= 0)) return;
-    int from = r.low < 1 ? 0 : clip_floor(r.low - m);
-    int to = r.high > PBS_BLOCK - 1 ? PBS_BLOCK - 1 : clip_floor(r.high + m);
-    for (int i = from; i <= to; i++) clip_pixel(job, i, j);
-}
-
-/* ---- a triangle ---- */
-
-/* The axis of the longest component. */
-static inline int clip_longest(const double x[3]) {
-    double a = fabs(x[0]), b = fabs(x[1]), c = fabs(x[2]);
-    return a >= b && a >= c ? 0 : b >= c ? 1 : 2;
-}
-
-static void clip_axes(clip_job *job, const double n[3]) {
-    double size[3];
-    int first = clip_longest(n);
-    if (job->flat) {
-        for (int k = 0; k < 3; k++) {
-            const double(*c)[3] = job->corner;
-            size[k] = fabs(c[1][k] - c[0][k]) + fabs(c[2][k] - c[0][k]);
-        }
-        first = (clip_longest(size) + 1) % 3; /* v is the longest then */
-    }
-    job->w = first, job->u = (first + 1) % 3, job->v = (first + 2) % 3;
-}
-
-static void clip_walk(const double corner[3][3], const double n[3], uint32_t triangle,
-                      bool centroids, pbs_fragments *out) {
-    double length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]), far = PBS_BLOCK;
-    clip_job job = {.corner = corner,
-                    .flat = !(length > 0),
-                    .area = length / 2,
-                    .triangle = triangle,
-                    .centroids = centroids,
-                    .out = out};
-    clip_axes(&job, n);
-    const int axis[3] = {job.u, job.v, job.w};
-    for (int k = 0; k < 3; k++) {
-        for (int e = 0; e < 3; e++) {
-            job.p[e][k] = corner[e][axis[k]];
-            job.d[e][k] = corner[(e + 1) % 3][axis[k]] - job.p[e][k];
-            job.over[e][k] = job.d[e][k] != 0 ? 1 / job.d[e][k] : 0;
-            far = fabs(job.p[e][k]) > far ? fabs(job.p[e][k]) : far;
-        }
-        job.normal[k] = n[axis[k]];
-    }
-    job.margin = far * 0x1p-46;
-    for (int k = 0; k < 2 && !job.flat; k++) job.slope[k] = -job.normal[k] / job.normal[2];
-    double low = fmin(job.p[0][1], fmin(job.p[1][1], job.p[2][1]));
-    double high = fmax(job.p[0][1], fmax(job.p[1][1], job.p[2][1]));
-    int from = low < 0 ? 0 : clip_floor(low);
-    int to = high > PBS_BLOCK - 1 ? PBS_BLOCK - 1 : clip_floor(high);
-    for (int j = from; j <= to; j++) clip_row(&job, j);
+    if (!job->flat && !job->inside) clip_row_in_block(job, j, &r);
+    if (!(r.low - m < PBS_BLOCK && r.high + m >= 0)) return false;
+    *from = r.low < 1 ? 0 : clip_floor(r.low - m);
+    *to = r.high > PBS_BLOCK - 1 ? PBS_BLOCK - 1 : clip_floor(r.high + m);
+    return *from <= *to;
 }
 #endif
