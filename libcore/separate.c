@@ -94,7 +94,9 @@ typedef struct plane {
     shape *s;
     int a, row, column;
     double at, from[2], slope[2], error;
-    bool cut; /* whether depths may be outside the block */
+    bool cut;                              /* whether depths may be outside the block */
+    enum { UNKNOWN, LATTICE, NONE } whole; /* whether these are there: */
+    int64_t base, step[2];                 /* depth = (base + row * step[0] + ..) * 2^-48 */
 } plane;
 
 static double farther(double from, const shape *s, int axis) {
@@ -133,15 +135,51 @@ __attribute__((noinline)) static int depth_exact(const plane *p, const int at[3]
 }
 
 /* The lanes in `open` of k, the floors of the depths z; lane 0 is at column c. */
-static d4 decide(const plane *p, int at[3], int c, d4 z, d4 k, unsigned open) {
+static d4 decide(const plane *p, const int at[3], int c, d4 z, d4 k, unsigned open) {
     double depth[4], cell[4];
+    int line[3] = {at[0], at[1], at[2]};
     d4_put(depth, z), d4_put(cell, k);
     for (; open; open &= open - 1) {
         int i = __builtin_ctz(open);
-        at[p->column] = c + i;
-        cell[i] = depth_exact(p, at, depth[i]);
+        line[p->column] = c + i;
+        cell[i] = depth_exact(p, line, depth[i]);
     }
     return d4_at(cell);
+}
+
+/* Slopes that are multiples of 2^-16, as of chamfers on a lattice: depths are whole numbers of
+ * 2^-48, so all that is needed is 64 bits. There, many depths are on the border of two cells. */
+static bool plane_is_whole(plane *p) {
+    if (p->whole != UNKNOWN) return p->whole == LATTICE;
+    const double *at = p->s->p[0];
+    pbs_int128 base = (pbs_int128)pbs_fixed(at[p->a]) << 16;
+    p->whole = NONE;
+    for (int i = 0; i < 2; i++) {
+        int axis = i ? p->column : p->row;
+        if (!(fabs(p->slope[i]) < 64)) return false;
+        int64_t slope = (int64_t)floor(p->slope[i] * 0x1p16 + 0.5);
+        pbs_wide a = pbs_wide_mul64(normal_exact(p->s, p->a), slope);
+        pbs_wide b = pbs_wide_mul64(normal_exact(p->s, axis), -65536);
+        if (pbs_wide_compare(a, b) != 0) return false;
+        base += (pbs_int128)(PBS_FIXED_ONE / 2 - pbs_fixed(at[axis])) * slope;
+        p->step[i] = slope * PBS_FIXED_ONE;
+    }
+    p->base = (int64_t)base;
+    if (base < -((int64_t)1 << 62) || base > (int64_t)1 << 62) return false;
+    p->whole = LATTICE;
+    return true;
+}
+
+/* Columns c0 .. c1 of a row of such a plane. */
+static void draw_whole(const plane *p, const int at[3], int c0, int c1, pbs_hits *out) {
+    uint32_t step = cell_step(p->column), deep = cell_step(p->a);
+    uint32_t cell = PBS_CELL(at[0], at[1], at[2]) + (uint32_t)c0 * step;
+    int64_t z = p->base + at[p->row] * p->step[0] + c0 * p->step[1];
+    for (int c = c0; c <= c1; c++, cell += step, z += p->step[1]) {
+        int64_t k = z >> 48;
+        out->hit[out->count] = (pbs_hit){cell + (uint32_t)k * deep, p->s->number[0]};
+        out->count += k >= LOW && k <= HIGH;
+    }
 }
 
 /* Narrows the columns to those whose depths may be in the block. */
@@ -156,7 +194,7 @@ static void cut_columns(const plane *p, double row_z, int *c0, int *c1) {
 }
 
 /* One row, columns c0 .. c1, which are not empty. */
-static void draw_row(const plane *p, int row, int c0, int c1, pbs_hits *out) {
+static void draw_row(plane *p, int row, int c0, int c1, pbs_hits *out) {
     double row_z = p->at + (row + 0.5 - p->from[0]) * p->slope[0];
     if (p->cut) cut_columns(p, row_z, &c0, &c1);
     if (c0 > c1) return;
@@ -165,7 +203,6 @@ static void draw_row(const plane *p, int row, int c0, int c1, pbs_hits *out) {
     const d4 slope = d4_all(p->slope[1]), from = d4_all(p->from[1]), base = d4_all(row_z);
     int at[3] = {0, 0, 0};
     at[p->row] = row;
-    at[p->a] = 0;
     d4 first = d4_all(PBS_CELL(at[0], at[1], at[2])), deep = d4_all(cell_step(p->a));
     for (int c = c0; c <= c1; c += 4) {
         d4 column = d4_add(d4_all(c), d4_ramp());
@@ -174,6 +211,10 @@ static void draw_row(const plane *p, int row, int c0, int c1, pbs_hits *out) {
         d4 k = d4_floor(d4_add(z, error));
         unsigned in = c1 - c >= 3 ? 15 : (1u << (c1 - c + 1)) - 1;
         unsigned open = d4_differ(k, d4_floor(d4_sub(z, error))) & in;
+        if (open && plane_is_whole(p)) {
+            draw_whole(p, at, c, c1, out);
+            return;
+        }
         if (open) k = decide(p, at, c, z, k, open);
         in &= d4_less(low, k) & d4_less(k, high);
         d4 cells = d4_add(first, d4_mul(column, d4_all(cell_step(p->column))));
@@ -232,6 +273,13 @@ static bool misses(const shape *s) {
     return false;
 }
 
+/* Whether the triangle is in a plane across axis a, at middles: then all its cells along that axis
+ * are also those of lines within the plane. */
+static bool is_in_lines(const shape *s, int a) {
+    return s->n[(a + 1) % 3] == 0 && s->n[(a + 2) % 3] == 0 && s->n[a] != 0 &&
+           s->min[a] - floor(s->min[a]) == 0.5;
+}
+
 /* axes: bit a: draw it as seen along axis a. */
 static void draw(const pbs_triangles *t, uint32_t i, unsigned axes, pbs_hits *out) {
     shape s;
@@ -250,7 +298,7 @@ static void draw(const pbs_triangles *t, uint32_t i, unsigned axes, pbs_hits *ou
     shape_normal(&s);
     if (large && cut && misses(&s)) return;
     for (int a = 0; a < 3; a++) {
-        if (!(axes >> a & 1)) continue;
+        if (!(axes >> a & 1) || is_in_lines(&s, a)) continue;
         if (s.n[a] == 0)
             draw_edge_on(&s, a, out);
         else
