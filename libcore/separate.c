@@ -16,6 +16,7 @@
 
 #define LOW  (-1)      /* the cells of the block and the layer around it */
 #define HIGH PBS_BLOCK /* the last of them */
+#define SIDE (PBS_BLOCK + 2)
 
 static uint32_t cell_step(int axis) {
     return (uint32_t)1 << 7 * axis;
@@ -48,19 +49,19 @@ static bool sort_corners(const shape *s, int axis, const double *o[3]) {
 }
 
 /* The two sides of a section through a triangle whose corners o are sorted by row: the long edge,
- * and what is opposite to it: a corner, where the row goes through it. */
+ * and what is opposite to it, whose corner is at `row`. */
 typedef struct section {
-    side across, lower, upper, corner;
+    side across, lower, upper;
     double row;
 } section;
 
-static section section_of(const double *const o[3], int row, int axis) {
+static inline section section_of(const double *const o[3], int row, int axis) {
     return (section){side_of(o[0], o[2], row, axis), side_of(o[0], o[1], row, axis),
-                     side_of(o[1], o[2], row, axis), side_of(o[1], o[1], row, axis), o[1][row]};
+                     side_of(o[1], o[2], row, axis), o[1][row]};
 }
 
-static const side *section_other(const section *s, double row) {
-    return row < s->row ? &s->lower : row > s->row ? &s->upper : &s->corner;
+static inline const side *section_other(const section *s, double row) {
+    return row < s->row ? &s->lower : &s->upper;
 }
 
 /* Seen along axis a the triangle is a segment, or a point. */
@@ -88,7 +89,8 @@ static void draw_edge_on(const shape *s, int a, pbs_hits *out) {
 
 /* ---- lines that cross the plane ---- */
 
-/* Depth as a function of the line: at + (row - from[0]) * slope[0] + (column - from[1]) * slope[1].
+/* Depth as a function of the line's cell: at + (row - from[0]) * slope[0] + (column - from[1]) *
+ * slope[1].
  * error is more than all rounding errors of what is looked at. */
 typedef struct plane {
     shape *s;
@@ -100,7 +102,7 @@ typedef struct plane {
 } plane;
 
 static double farther(double from, const shape *s, int axis) {
-    double a = fabs(s->first[axis] + 0.5 - from), b = fabs(s->last[axis] + 0.5 - from);
+    double a = fabs(s->first[axis] - from), b = fabs(s->last[axis] - from);
     return a > b ? a : b;
 }
 
@@ -108,7 +110,7 @@ static double farther(double from, const shape *s, int axis) {
  * 2^-42 is for the rounding of what is computed with them. A plane across the axis is exact. */
 static void plane_of(plane *p, shape *s, int a, int row, int column) {
     *p = (plane){s, a, row, column, .at = s->p[0][a]};
-    p->from[0] = s->p[0][row], p->from[1] = s->p[0][column];
+    p->from[0] = s->p[0][row] - 0.5, p->from[1] = s->p[0][column] - 0.5;
     p->slope[0] = -s->n[row] / s->n[a], p->slope[1] = -s->n[column] / s->n[a];
     p->cut = s->min[a] < LOW || s->max[a] >= HIGH + 1;
     if (s->n[row] == 0 && s->n[column] == 0) return;
@@ -135,14 +137,15 @@ __attribute__((noinline)) static int depth_exact(const plane *p, const int at[3]
 }
 
 /* The lanes in `open` of k, the floors of the depths z; lane 0 is at column c. */
-static d4 decide(const plane *p, const int at[3], int c, d4 z, d4 k, unsigned open) {
+static d4 decide(const plane *p, int row, int c, d4 z, d4 k, unsigned open) {
     double depth[4], cell[4];
-    int line[3] = {at[0], at[1], at[2]};
+    int at[3];
+    at[p->row] = row, at[p->a] = 0;
     d4_put(depth, z), d4_put(cell, k);
     for (; open; open &= open - 1) {
         int i = __builtin_ctz(open);
-        line[p->column] = c + i;
-        cell[i] = depth_exact(p, line, depth[i]);
+        at[p->column] = c + i;
+        cell[i] = depth_exact(p, at, depth[i]);
     }
     return d4_at(cell);
 }
@@ -171,10 +174,10 @@ static bool plane_is_whole(plane *p) {
 }
 
 /* Columns c0 .. c1 of a row of such a plane. */
-static void draw_whole(const plane *p, const int at[3], int c0, int c1, pbs_hits *out) {
+static void draw_whole(const plane *p, int row, int c0, int c1, pbs_hits *out) {
     uint32_t step = cell_step(p->column), deep = cell_step(p->a);
-    uint32_t cell = PBS_CELL(at[0], at[1], at[2]) + (uint32_t)c0 * step;
-    int64_t z = p->base + at[p->row] * p->step[0] + c0 * p->step[1];
+    uint32_t cell = PBS_CELL(0, 0, 0) + (uint32_t)row * cell_step(p->row) + (uint32_t)c0 * step;
+    int64_t z = p->base + row * p->step[0] + c0 * p->step[1];
     for (int c = c0; c <= c1; c++, cell += step, z += p->step[1]) {
         int64_t k = z >> 48;
         out->hit[out->count] = (pbs_hit){cell + (uint32_t)k * deep, p->s->number[0]};
@@ -183,42 +186,67 @@ static void draw_whole(const plane *p, const int at[3], int c0, int c1, pbs_hits
 }
 
 /* Narrows the columns to those whose depths may be in the block. */
-static void cut_columns(const plane *p, double row_z, int *c0, int *c1) {
+static void cut_columns(const plane *p, double row_z, double *c0, double *c1) {
     double slope = p->slope[1], margin = p->error + 0x1p-10;
     if (slope == 0) return;
-    double x = p->from[1] - 0.5 + (LOW - margin - row_z) / slope;
-    double y = p->from[1] - 0.5 + (HIGH + 1 + margin - row_z) / slope;
-    double lo = slope > 0 ? x : y, hi = slope > 0 ? y : x;
-    if (lo > *c0) *c0 = lo < *c1 ? (int)ceil(lo - 0x1p-10) : *c1 + 1;
-    if (hi < *c1) *c1 = hi > *c0 ? (int)floor(hi + 0x1p-10) : *c0 - 1;
+    double x = p->from[1] + (LOW - margin - row_z) / slope;
+    double y = p->from[1] + (HIGH + 1 + margin - row_z) / slope;
+    double lo = ceil((slope > 0 ? x : y) - 0x1p-10), hi = floor((slope > 0 ? y : x) + 0x1p-10);
+    *c0 = lo > *c0 ? lo : *c0;
+    *c1 = hi < *c1 ? hi : *c1;
 }
 
-/* One row, columns c0 .. c1, which are not empty. */
-static void draw_row(plane *p, int row, int c0, int c1, pbs_hits *out) {
-    double row_z = p->at + (row + 0.5 - p->from[0]) * p->slope[0];
+/* One row, columns c0 .. c1, which are in the block or its layer. */
+static inline void draw_row(plane *p, int row, double c0, double c1, pbs_hits *out) {
+    double row_z = p->at + (row - p->from[0]) * p->slope[0];
     if (p->cut) cut_columns(p, row_z, &c0, &c1);
-    if (c0 > c1) return;
-    hits_room(out, (uint32_t)(c1 - c0) + 4);
-    const d4 low = d4_all(LOW - 1), high = d4_all(HIGH + 1), error = d4_all(p->error);
-    const d4 slope = d4_all(p->slope[1]), from = d4_all(p->from[1]), base = d4_all(row_z);
-    int at[3] = {0, 0, 0};
-    at[p->row] = row;
-    d4 first = d4_all(PBS_CELL(at[0], at[1], at[2])), deep = d4_all(cell_step(p->a));
-    for (int c = c0; c <= c1; c += 4) {
-        d4 column = d4_add(d4_all(c), d4_ramp());
-        d4 z = d4_sub(d4_add(column, d4_all(0.5)), from);
-        z = d4_add(base, d4_mul(z, slope));
+    const d4 error = d4_all(p->error), from = d4_all(p->from[1]), last = d4_all(c1);
+    const d4 slope = d4_all(p->slope[1]), base = d4_all(row_z);
+    const d4 step = d4_all(cell_step(p->column)), deep = d4_all(cell_step(p->a));
+    d4 column = d4_add(d4_all(c0), d4_ramp());
+    d4 cells = d4_all(PBS_CELL(0, 0, 0) + row * (double)cell_step(p->row));
+    cells = d4_add(cells, d4_mul(column, step));
+    hits_room(out, SIDE);
+    for (double c = c0; c <= c1; c += 4) {
+        unsigned in = 15 & ~d4_less(last, column);
+        d4 z = d4_add(base, d4_mul(d4_sub(column, from), slope));
         d4 k = d4_floor(d4_add(z, error));
-        unsigned in = c1 - c >= 3 ? 15 : (1u << (c1 - c + 1)) - 1;
         unsigned open = d4_differ(k, d4_floor(d4_sub(z, error))) & in;
         if (open && plane_is_whole(p)) {
-            draw_whole(p, at, c, c1, out);
+            draw_whole(p, row, (int)c, (int)c1, out);
             return;
         }
-        if (open) k = decide(p, at, c, z, k, open);
-        in &= d4_less(low, k) & d4_less(k, high);
-        d4 cells = d4_add(first, d4_mul(column, d4_all(cell_step(p->column))));
+        if (open) k = decide(p, row, (int)c, z, k, open);
+        if (p->cut) in &= d4_less(d4_all(LOW - 1), k) & d4_less(k, d4_all(HIGH + 1));
         hits_put(out, d4_add(cells, d4_mul(k, deep)), p->s->number, in);
+        column = d4_add(column, d4_all(4)), cells = d4_add(cells, d4_mul(step, d4_all(4)));
+    }
+}
+
+/* The first and last columns between the edges, of n rows from `first`, at most four. high: the
+ * corner that is not of the long edge is above it. */
+typedef struct ends {
+    double c0[4], c1[4];
+} ends;
+
+static inline void ends_of(ends *o, const section *s, bool high, int first, int n) {
+    d4 row = d4_add(d4_add(d4_all(first), d4_ramp()), d4_all(0.5));
+    d4 across = side_at(&s->across, row), middle = d4_all(s->row);
+    d4 other = d4_if_less(row, middle, side_at(&s->lower, row), side_at(&s->upper, row));
+    d4 e = d4_all(s->across.error);
+    d4 f = d4_if_less(row, middle, d4_all(s->lower.error), d4_all(s->upper.error));
+    d4 lo = d4_sub(high ? across : other, d4_all(0.5)), lo_error = high ? e : f;
+    d4 hi = d4_sub(high ? other : across, d4_all(0.5)), hi_error = high ? f : e;
+    d4 least = d4_ceil(d4_sub(lo, lo_error)), most = d4_floor(d4_add(hi, hi_error));
+    unsigned open = d4_differ(least, d4_ceil(d4_add(lo, lo_error)));
+    open |= d4_differ(most, d4_floor(d4_sub(hi, hi_error)));
+    d4_put(o->c0, least), d4_put(o->c1, most);
+    for (open &= n < 4 ? (1u << n) - 1 : 15; open; open &= open - 1) {
+        int i = __builtin_ctz(open);
+        double at = first + i + 0.5;
+        const side *t = section_other(s, at);
+        o->c0[i] = side_ceil(high ? &s->across : t, at, 0.5);
+        o->c1[i] = side_floor(high ? t : &s->across, at, 0.5);
     }
 }
 
@@ -233,14 +261,16 @@ static void draw_plane(shape *s, int a, pbs_hits *out) {
     section edges = section_of(o, row, column);
     plane p;
     plane_of(&p, s, a, row, column);
-    for (int r = s->first[row]; r <= s->last[row]; r++) {
-        double at = r + 0.5;
-        const side *other = section_other(&edges, at);
-        int c0 = side_ceil(high ? &edges.across : other, at, 0.5);
-        int c1 = side_floor(high ? other : &edges.across, at, 0.5);
-        c0 = c0 > s->first[column] ? c0 : s->first[column];
-        c1 = c1 < s->last[column] ? c1 : s->last[column];
-        if (c0 <= c1) draw_row(&p, r, c0, c1, out);
+    double first = s->first[column], last = s->last[column];
+    for (int r = s->first[row]; r <= s->last[row]; r += 4) {
+        int n = s->last[row] - r + 1 < 4 ? s->last[row] - r + 1 : 4;
+        ends end;
+        ends_of(&end, &edges, high, r, n);
+        for (int i = 0; i < n; i++) {
+            double c0 = end.c0[i] > first ? end.c0[i] : first;
+            double c1 = end.c1[i] < last ? end.c1[i] : last;
+            if (c0 <= c1) draw_row(&p, r + i, c0, c1, out);
+        }
     }
 }
 
