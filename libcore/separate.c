@@ -78,10 +78,13 @@ static void draw_edge_on(const shape *s, int a, pbs_hits *out) {
     sort_corners(s, u, o);
     side line = side_of(o[0], o[2], u, v);
     section depth = section_of(o, u, a);
+    bool along = s->max[v] == s->min[v]; /* an axis: all of the segment is at the middle */
+    at[v] = s->first[v];
     for (at[u] = s->first[u]; at[u] <= s->last[u]; at[u]++) {
         double row = at[u] + 0.5;
-        at[v] = side_ceil(&line, row, 0.5);
-        if (at[v] != side_floor(&line, row, 0.5) || at[v] < LOW || at[v] > HIGH) continue;
+        if (!along) at[v] = side_ceil(&line, row, 0.5);
+        if (!along && at[v] != side_floor(&line, row, 0.5)) continue;
+        if (at[v] < LOW || at[v] > HIGH) continue;
         int e = side_floor(&depth.across, row, 0);
         put_interval(s, a, at, e, side_floor(section_other(&depth, row), row, 0), out);
     }
@@ -320,8 +323,8 @@ static void draw(const pbs_triangles *t, uint32_t i, unsigned axes, pbs_hits *ou
         for (int c = 0; c < 3; c++) s.p[c][k] = t->p[c][k][i];
         s.min[k] = t->min[k][i], s.max[k] = t->max[k][i];
         double first = ceil(s.min[k] - 0.5), last = floor(s.max[k] - 0.5);
-        s.first[k] = first > LOW ? (int)fmin(first, HIGH + 1) : LOW;
-        s.last[k] = last < HIGH ? (int)fmax(last, LOW - 1) : HIGH;
+        s.first[k] = first > HIGH ? HIGH + 1 : first > LOW ? (int)first : LOW;
+        s.last[k] = last < LOW ? LOW - 1 : last < HIGH ? (int)last : HIGH;
         large |= s.max[k] - s.min[k] > 8;
         cut |= s.min[k] < LOW || s.max[k] > HIGH + 1;
     }
