@@ -345,9 +345,9 @@ static void draw(const pbs_triangles *t, uint32_t i, unsigned axes, pbs_hits *ou
  * first middle all coordinates are below 2^3, so an edge function there has an error of at most
  * 2^-45; it stays below 2^7, so that each of at most 14 steps adds 2^-46. All is below 2^-42.
  *
- * The three sum to the area, which has one sign with them inside. If the area has none that is
- * certain, and one of them is below -16 errors, then another is above an error: outside all the
- * same. So that bound serves all triangles. */
+ * The three sum to the area and are turned to its sign, or what seems to be its sign. If all are
+ * above the error, that was right. If one is below -16 errors, and the sum was wrong, another is
+ * above the error: outside in any case. */
 #define SMALL       8
 #define SMALL_ERROR 0x1p-42
 #define SMALL_OUT   (-16 * SMALL_ERROR)
@@ -407,11 +407,6 @@ static inline d4 edges_of(const four *f, d4 e[4]) {
     return area;
 }
 
-/* Lanes whose area has a sign that is certain. */
-static inline unsigned solid(d4 area) {
-    return d4_less(d4_all(SMALL_ERROR), d4_abs(area));
-}
-
 /* How the cells of four depths are found: depth = low + e[3] * share. */
 typedef struct depths {
     d4 low, share, error, floor_low, floor_high;
@@ -448,7 +443,7 @@ static unsigned draw_single(const pbs_triangles *t, four *f, int a, unsigned lan
     if (!in) return 0;
     depths_of(&d, f, area);
     hits_room(out, 4);
-    unsigned sure = in & d4_less(d4_all(SMALL_ERROR), least) & solid(area);
+    unsigned sure = in & d4_less(d4_all(SMALL_ERROR), least);
     return (in & ~sure) | put_depths(&d, f, e[3], four_code(f), sure, out);
 }
 
@@ -481,7 +476,7 @@ static unsigned draw_small(const pbs_triangles *t, four *f, int a, unsigned lane
     const d4 step_u = d4_all(cell_step(f->u)), step_v = d4_all(cell_step(f->v));
     walk_of(&w, f, area);
     depths_of(&deep, f, area);
-    unsigned undecided = 0, certain = solid(area);
+    unsigned undecided = 0;
     for (unsigned row = lanes; row;) {
         d4 e0 = e[0], e1 = e[1], e2 = e[2], e3 = e[3], cells = code, columns = w.columns;
         hits_room(out, 4 * SMALL);
@@ -489,7 +484,7 @@ static unsigned draw_small(const pbs_triangles *t, four *f, int a, unsigned lane
             d4 least = d4_min(d4_min(e0, e1), e2);
             unsigned now = in & ~d4_less(least, minus);
             if (now) {
-                unsigned sure = now & certain & ~undecided & d4_less(open, least);
+                unsigned sure = now & ~undecided & d4_less(open, least);
                 undecided |= now & ~sure;
                 undecided |= put_depths(&deep, f, e3, cells, sure, out);
             }
