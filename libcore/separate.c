@@ -16,6 +16,7 @@
 
 #define LOW  (-1)      /* the cells of the block and the layer around it */
 #define HIGH PBS_BLOCK /* the last of them */
+#define SIDE (PBS_BLOCK + 2)
 
 static uint32_t cell_step(int axis) {
     return (uint32_t)1 << 7 * axis;
@@ -48,19 +49,19 @@ static bool sort_corners(const shape *s, int axis, const double *o[3]) {
 }
 
 /* The two sides of a section through a triangle whose corners o are sorted by row: the long edge,
- * and what is opposite to it: a corner, where the row goes through it. */
+ * and what is opposite to it, whose corner is at `row`. */
 typedef struct section {
-    side across, lower, upper, corner;
+    side across, lower, upper;
     double row;
 } section;
 
-static section section_of(const double *const o[3], int row, int axis) {
+static inline section section_of(const double *const o[3], int row, int axis) {
     return (section){side_of(o[0], o[2], row, axis), side_of(o[0], o[1], row, axis),
-                     side_of(o[1], o[2], row, axis), side_of(o[1], o[1], row, axis), o[1][row]};
+                     side_of(o[1], o[2], row, axis), o[1][row]};
 }
 
-static const side *section_other(const section *s, double row) {
-    return row < s->row ? &s->lower : row > s->row ? &s->upper : &s->corner;
+static inline const side *section_other(const section *s, double row) {
+    return row < s->row ? &s->lower : &s->upper;
 }
 
 /* Seen along axis a the triangle is a segment, or a point. */
@@ -77,10 +78,13 @@ static void draw_edge_on(const shape *s, int a, pbs_hits *out) {
     sort_corners(s, u, o);
     side line = side_of(o[0], o[2], u, v);
     section depth = section_of(o, u, a);
+    bool along = s->max[v] == s->min[v]; /* an axis: all of the segment is at the middle */
+    at[v] = s->first[v];
     for (at[u] = s->first[u]; at[u] <= s->last[u]; at[u]++) {
         double row = at[u] + 0.5;
-        at[v] = side_ceil(&line, row, 0.5);
-        if (at[v] != side_floor(&line, row, 0.5) || at[v] < LOW || at[v] > HIGH) continue;
+        if (!along) at[v] = side_ceil(&line, row, 0.5);
+        if (!along && at[v] != side_floor(&line, row, 0.5)) continue;
+        if (at[v] < LOW || at[v] > HIGH) continue;
         int e = side_floor(&depth.across, row, 0);
         put_interval(s, a, at, e, side_floor(section_other(&depth, row), row, 0), out);
     }
@@ -88,17 +92,20 @@ static void draw_edge_on(const shape *s, int a, pbs_hits *out) {
 
 /* ---- lines that cross the plane ---- */
 
-/* Depth as a function of the line: at + (row - from[0]) * slope[0] + (column - from[1]) * slope[1].
+/* Depth as a function of the line's cell: at + (row - from[0]) * slope[0] + (column - from[1]) *
+ * slope[1].
  * error is more than all rounding errors of what is looked at. */
 typedef struct plane {
     shape *s;
     int a, row, column;
     double at, from[2], slope[2], error;
-    bool cut; /* whether depths may be outside the block */
+    bool cut;                              /* whether depths may be outside the block */
+    enum { UNKNOWN, LATTICE, NONE } whole; /* whether these are there: */
+    int64_t base, step[2];                 /* depth = (base + row * step[0] + ..) * 2^-48 */
 } plane;
 
 static double farther(double from, const shape *s, int axis) {
-    double a = fabs(s->first[axis] + 0.5 - from), b = fabs(s->last[axis] + 0.5 - from);
+    double a = fabs(s->first[axis] - from), b = fabs(s->last[axis] - from);
     return a > b ? a : b;
 }
 
@@ -106,7 +113,7 @@ static double farther(double from, const shape *s, int axis) {
  * 2^-42 is for the rounding of what is computed with them. A plane across the axis is exact. */
 static void plane_of(plane *p, shape *s, int a, int row, int column) {
     *p = (plane){s, a, row, column, .at = s->p[0][a]};
-    p->from[0] = s->p[0][row], p->from[1] = s->p[0][column];
+    p->from[0] = s->p[0][row] - 0.5, p->from[1] = s->p[0][column] - 0.5;
     p->slope[0] = -s->n[row] / s->n[a], p->slope[1] = -s->n[column] / s->n[a];
     p->cut = s->min[a] < LOW || s->max[a] >= HIGH + 1;
     if (s->n[row] == 0 && s->n[column] == 0) return;
@@ -133,8 +140,10 @@ __attribute__((noinline)) static int depth_exact(const plane *p, const int at[3]
 }
 
 /* The lanes in `open` of k, the floors of the depths z; lane 0 is at column c. */
-static d4 decide(const plane *p, int at[3], int c, d4 z, d4 k, unsigned open) {
+static d4 decide(const plane *p, int row, int c, d4 z, d4 k, unsigned open) {
     double depth[4], cell[4];
+    int at[3];
+    at[p->row] = row, at[p->a] = 0;
     d4_put(depth, z), d4_put(cell, k);
     for (; open; open &= open - 1) {
         int i = __builtin_ctz(open);
@@ -144,40 +153,103 @@ static d4 decide(const plane *p, int at[3], int c, d4 z, d4 k, unsigned open) {
     return d4_at(cell);
 }
 
-/* Narrows the columns to those whose depths may be in the block. */
-static void cut_columns(const plane *p, double row_z, int *c0, int *c1) {
-    double slope = p->slope[1], margin = p->error + 0x1p-10;
-    if (slope == 0) return;
-    double x = p->from[1] - 0.5 + (LOW - margin - row_z) / slope;
-    double y = p->from[1] - 0.5 + (HIGH + 1 + margin - row_z) / slope;
-    double lo = slope > 0 ? x : y, hi = slope > 0 ? y : x;
-    if (lo > *c0) *c0 = lo < *c1 ? (int)ceil(lo - 0x1p-10) : *c1 + 1;
-    if (hi < *c1) *c1 = hi > *c0 ? (int)floor(hi + 0x1p-10) : *c0 - 1;
+/* Slopes that are multiples of 2^-16, as of chamfers on a lattice: depths are whole numbers of
+ * 2^-48, so all that is needed is 64 bits. There, many depths are on the border of two cells. */
+static bool plane_is_whole(plane *p) {
+    if (p->whole != UNKNOWN) return p->whole == LATTICE;
+    const double *at = p->s->p[0];
+    pbs_int128 base = (pbs_int128)pbs_fixed(at[p->a]) << 16;
+    p->whole = NONE;
+    for (int i = 0; i < 2; i++) {
+        int axis = i ? p->column : p->row;
+        if (!(fabs(p->slope[i]) < 64)) return false;
+        int64_t slope = (int64_t)floor(p->slope[i] * 0x1p16 + 0.5);
+        pbs_wide a = pbs_wide_mul64(normal_exact(p->s, p->a), slope);
+        pbs_wide b = pbs_wide_mul64(normal_exact(p->s, axis), -65536);
+        if (pbs_wide_compare(a, b) != 0) return false;
+        base += (pbs_int128)(PBS_FIXED_ONE / 2 - pbs_fixed(at[axis])) * slope;
+        p->step[i] = slope * PBS_FIXED_ONE;
+    }
+    p->base = (int64_t)base;
+    if (base < -((int64_t)1 << 62) || base > (int64_t)1 << 62) return false;
+    p->whole = LATTICE;
+    return true;
 }
 
-/* One row, columns c0 .. c1, which are not empty. */
-static void draw_row(const plane *p, int row, int c0, int c1, pbs_hits *out) {
-    double row_z = p->at + (row + 0.5 - p->from[0]) * p->slope[0];
+/* Columns c0 .. c1 of a row of such a plane. */
+static void draw_whole(const plane *p, int row, int c0, int c1, pbs_hits *out) {
+    uint32_t step = cell_step(p->column), deep = cell_step(p->a);
+    uint32_t cell = PBS_CELL(0, 0, 0) + (uint32_t)row * cell_step(p->row) + (uint32_t)c0 * step;
+    int64_t z = p->base + row * p->step[0] + c0 * p->step[1];
+    for (int c = c0; c <= c1; c++, cell += step, z += p->step[1]) {
+        int64_t k = z >> 48;
+        out->hit[out->count] = (pbs_hit){cell + (uint32_t)k * deep, p->s->number[0]};
+        out->count += k >= LOW && k <= HIGH;
+    }
+}
+
+/* Narrows the columns to those whose depths may be in the block. */
+static void cut_columns(const plane *p, double row_z, double *c0, double *c1) {
+    double slope = p->slope[1], margin = p->error + 0x1p-10;
+    if (slope == 0) return;
+    double x = p->from[1] + (LOW - margin - row_z) / slope;
+    double y = p->from[1] + (HIGH + 1 + margin - row_z) / slope;
+    double lo = ceil((slope > 0 ? x : y) - 0x1p-10), hi = floor((slope > 0 ? y : x) + 0x1p-10);
+    *c0 = lo > *c0 ? lo : *c0;
+    *c1 = hi < *c1 ? hi : *c1;
+}
+
+/* One row, columns c0 .. c1, which are in the block or its layer. */
+static inline void draw_row(plane *p, int row, double c0, double c1, pbs_hits *out) {
+    double row_z = p->at + (row - p->from[0]) * p->slope[0];
     if (p->cut) cut_columns(p, row_z, &c0, &c1);
-    if (c0 > c1) return;
-    hits_room(out, (uint32_t)(c1 - c0) + 4);
-    const d4 low = d4_all(LOW - 1), high = d4_all(HIGH + 1), error = d4_all(p->error);
-    const d4 slope = d4_all(p->slope[1]), from = d4_all(p->from[1]), base = d4_all(row_z);
-    int at[3] = {0, 0, 0};
-    at[p->row] = row;
-    at[p->a] = 0;
-    d4 first = d4_all(PBS_CELL(at[0], at[1], at[2])), deep = d4_all(cell_step(p->a));
-    for (int c = c0; c <= c1; c += 4) {
-        d4 column = d4_add(d4_all(c), d4_ramp());
-        d4 z = d4_sub(d4_add(column, d4_all(0.5)), from);
-        z = d4_add(base, d4_mul(z, slope));
+    const d4 error = d4_all(p->error), from = d4_all(p->from[1]), last = d4_all(c1);
+    const d4 slope = d4_all(p->slope[1]), base = d4_all(row_z);
+    const d4 step = d4_all(cell_step(p->column)), deep = d4_all(cell_step(p->a));
+    d4 column = d4_add(d4_all(c0), d4_ramp());
+    d4 cells = d4_all(PBS_CELL(0, 0, 0) + row * (double)cell_step(p->row));
+    cells = d4_add(cells, d4_mul(column, step));
+    hits_room(out, SIDE);
+    for (double c = c0; c <= c1; c += 4) {
+        unsigned in = 15 & ~d4_less(last, column);
+        d4 z = d4_add(base, d4_mul(d4_sub(column, from), slope));
         d4 k = d4_floor(d4_add(z, error));
-        unsigned in = c1 - c >= 3 ? 15 : (1u << (c1 - c + 1)) - 1;
         unsigned open = d4_differ(k, d4_floor(d4_sub(z, error))) & in;
-        if (open) k = decide(p, at, c, z, k, open);
-        in &= d4_less(low, k) & d4_less(k, high);
-        d4 cells = d4_add(first, d4_mul(column, d4_all(cell_step(p->column))));
+        if (open && plane_is_whole(p)) {
+            draw_whole(p, row, (int)c, (int)c1, out);
+            return;
+        }
+        if (open) k = decide(p, row, (int)c, z, k, open);
+        if (p->cut) in &= d4_less(d4_all(LOW - 1), k) & d4_less(k, d4_all(HIGH + 1));
         hits_put(out, d4_add(cells, d4_mul(k, deep)), p->s->number, in);
+        column = d4_add(column, d4_all(4)), cells = d4_add(cells, d4_mul(step, d4_all(4)));
+    }
+}
+
+/* The first and last columns between the edges, of n rows from `first`, at most four. high: the
+ * corner that is not of the long edge is above it. */
+typedef struct ends {
+    double c0[4], c1[4];
+} ends;
+
+static inline void ends_of(ends *o, const section *s, bool high, int first, int n) {
+    d4 row = d4_add(d4_add(d4_all(first), d4_ramp()), d4_all(0.5));
+    d4 across = side_at(&s->across, row), middle = d4_all(s->row);
+    d4 other = d4_if_less(row, middle, side_at(&s->lower, row), side_at(&s->upper, row));
+    d4 e = d4_all(s->across.error);
+    d4 f = d4_if_less(row, middle, d4_all(s->lower.error), d4_all(s->upper.error));
+    d4 lo = d4_sub(high ? across : other, d4_all(0.5)), lo_error = high ? e : f;
+    d4 hi = d4_sub(high ? other : across, d4_all(0.5)), hi_error = high ? f : e;
+    d4 least = d4_ceil(d4_sub(lo, lo_error)), most = d4_floor(d4_add(hi, hi_error));
+    unsigned open = d4_differ(least, d4_ceil(d4_add(lo, lo_error)));
+    open |= d4_differ(most, d4_floor(d4_sub(hi, hi_error)));
+    d4_put(o->c0, least), d4_put(o->c1, most);
+    for (open &= n < 4 ? (1u << n) - 1 : 15; open; open &= open - 1) {
+        int i = __builtin_ctz(open);
+        double at = first + i + 0.5;
+        const side *t = section_other(s, at);
+        o->c0[i] = side_ceil(high ? &s->across : t, at, 0.5);
+        o->c1[i] = side_floor(high ? t : &s->across, at, 0.5);
     }
 }
 
@@ -192,14 +264,16 @@ static void draw_plane(shape *s, int a, pbs_hits *out) {
     section edges = section_of(o, row, column);
     plane p;
     plane_of(&p, s, a, row, column);
-    for (int r = s->first[row]; r <= s->last[row]; r++) {
-        double at = r + 0.5;
-        const side *other = section_other(&edges, at);
-        int c0 = side_ceil(high ? &edges.across : other, at, 0.5);
-        int c1 = side_floor(high ? other : &edges.across, at, 0.5);
-        c0 = c0 > s->first[column] ? c0 : s->first[column];
-        c1 = c1 < s->last[column] ? c1 : s->last[column];
-        if (c0 <= c1) draw_row(&p, r, c0, c1, out);
+    double first = s->first[column], last = s->last[column];
+    for (int r = s->first[row]; r <= s->last[row]; r += 4) {
+        int n = s->last[row] - r + 1 < 4 ? s->last[row] - r + 1 : 4;
+        ends end;
+        ends_of(&end, &edges, high, r, n);
+        for (int i = 0; i < n; i++) {
+            double c0 = end.c0[i] > first ? end.c0[i] : first;
+            double c1 = end.c1[i] < last ? end.c1[i] : last;
+            if (c0 <= c1) draw_row(&p, r + i, c0, c1, out);
+        }
     }
 }
 
@@ -232,6 +306,13 @@ static bool misses(const shape *s) {
     return false;
 }
 
+/* Whether the triangle is in a plane across axis a, at middles: then all its cells along that axis
+ * are also those of lines within the plane. */
+static bool is_in_lines(const shape *s, int a) {
+    return s->n[(a + 1) % 3] == 0 && s->n[(a + 2) % 3] == 0 && s->n[a] != 0 &&
+           s->min[a] - floor(s->min[a]) == 0.5;
+}
+
 /* axes: bit a: draw it as seen along axis a. */
 static void draw(const pbs_triangles *t, uint32_t i, unsigned axes, pbs_hits *out) {
     shape s;
@@ -242,15 +323,15 @@ static void draw(const pbs_triangles *t, uint32_t i, unsigned axes, pbs_hits *ou
         for (int c = 0; c < 3; c++) s.p[c][k] = t->p[c][k][i];
         s.min[k] = t->min[k][i], s.max[k] = t->max[k][i];
         double first = ceil(s.min[k] - 0.5), last = floor(s.max[k] - 0.5);
-        s.first[k] = first > LOW ? (int)fmin(first, HIGH + 1) : LOW;
-        s.last[k] = last < HIGH ? (int)fmax(last, LOW - 1) : HIGH;
+        s.first[k] = first > HIGH ? HIGH + 1 : first > LOW ? (int)first : LOW;
+        s.last[k] = last < LOW ? LOW - 1 : last < HIGH ? (int)last : HIGH;
         large |= s.max[k] - s.min[k] > 8;
         cut |= s.min[k] < LOW || s.max[k] > HIGH + 1;
     }
     shape_normal(&s);
     if (large && cut && misses(&s)) return;
     for (int a = 0; a < 3; a++) {
-        if (!(axes >> a & 1)) continue;
+        if (!(axes >> a & 1) || is_in_lines(&s, a)) continue;
         if (s.n[a] == 0)
             draw_edge_on(&s, a, out);
         else
@@ -264,9 +345,9 @@ static void draw(const pbs_triangles *t, uint32_t i, unsigned axes, pbs_hits *ou
  * first middle all coordinates are below 2^3, so an edge function there has an error of at most
  * 2^-45; it stays below 2^7, so that each of at most 14 steps adds 2^-46. All is below 2^-42.
  *
- * The three sum to the area, which has one sign with them inside. If the area has none that is
- * certain, and one of them is below -16 errors, then another is above an error: outside all the
- * same. So that bound serves all triangles. */
+ * The three sum to the area and are turned to its sign, or what seems to be its sign. If all are
+ * above the error, that was right. If one is below -16 errors, and the sum was wrong, another is
+ * above the error: outside in any case. */
 #define SMALL       8
 #define SMALL_ERROR 0x1p-42
 #define SMALL_OUT   (-16 * SMALL_ERROR)
@@ -326,11 +407,6 @@ static inline d4 edges_of(const four *f, d4 e[4]) {
     return area;
 }
 
-/* Lanes whose area has a sign that is certain. */
-static inline unsigned solid(d4 area) {
-    return d4_less(d4_all(SMALL_ERROR), d4_abs(area));
-}
-
 /* How the cells of four depths are found: depth = low + e[3] * share. */
 typedef struct depths {
     d4 low, share, error, floor_low, floor_high;
@@ -367,7 +443,7 @@ static unsigned draw_single(const pbs_triangles *t, four *f, int a, unsigned lan
     if (!in) return 0;
     depths_of(&d, f, area);
     hits_room(out, 4);
-    unsigned sure = in & d4_less(d4_all(SMALL_ERROR), least) & solid(area);
+    unsigned sure = in & d4_less(d4_all(SMALL_ERROR), least);
     return (in & ~sure) | put_depths(&d, f, e[3], four_code(f), sure, out);
 }
 
@@ -400,7 +476,7 @@ static unsigned draw_small(const pbs_triangles *t, four *f, int a, unsigned lane
     const d4 step_u = d4_all(cell_step(f->u)), step_v = d4_all(cell_step(f->v));
     walk_of(&w, f, area);
     depths_of(&deep, f, area);
-    unsigned undecided = 0, certain = solid(area);
+    unsigned undecided = 0;
     for (unsigned row = lanes; row;) {
         d4 e0 = e[0], e1 = e[1], e2 = e[2], e3 = e[3], cells = code, columns = w.columns;
         hits_room(out, 4 * SMALL);
@@ -408,7 +484,7 @@ static unsigned draw_small(const pbs_triangles *t, four *f, int a, unsigned lane
             d4 least = d4_min(d4_min(e0, e1), e2);
             unsigned now = in & ~d4_less(least, minus);
             if (now) {
-                unsigned sure = now & certain & ~undecided & d4_less(open, least);
+                unsigned sure = now & ~undecided & d4_less(open, least);
                 undecided |= now & ~sure;
                 undecided |= put_depths(&deep, f, e3, cells, sure, out);
             }

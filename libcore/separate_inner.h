@@ -60,6 +60,10 @@ static inline d4 d4_ceil(d4 a) {
 static inline d4 d4_abs(d4 a) {
     return _mm256_andnot_pd(_mm256_set1_pd(-0.0), a);
 }
+/* a[i] < b[i] ? then[i] : other[i] */
+static inline d4 d4_if_less(d4 a, d4 b, d4 then, d4 other) {
+    return _mm256_blendv_pd(other, then, _mm256_cmp_pd(a, b, _CMP_LT_OQ));
+}
 /* a, negated where s is negative */
 static inline d4 d4_turn(d4 a, d4 s) {
     return _mm256_xor_pd(a, _mm256_and_pd(s, _mm256_set1_pd(-0.0)));
@@ -124,6 +128,9 @@ static inline d4 d4_ceil(d4 a) {
 }
 static inline d4 d4_abs(d4 a) {
     D4_LANES(fabs(a.v[i]));
+}
+static inline d4 d4_if_less(d4 a, d4 b, d4 then, d4 other) {
+    D4_LANES(a.v[i] < b.v[i] ? then.v[i] : other.v[i]);
 }
 static inline d4 d4_turn(d4 a, d4 s) {
     D4_LANES(s.v[i] < 0 ? -a.v[i] : a.v[i]);
@@ -252,6 +259,11 @@ static inline int side_compare(const side *s, double row, double value) {
     int64_t row_a = pbs_fixed(s->a[s->row]), a = pbs_fixed(s->a[s->axis]);
     int64_t run = pbs_fixed(s->b[s->row]) - row_a, rise = pbs_fixed(s->b[s->axis]) - a;
     return pbs_sign128(pbs_cross(pbs_fixed(row) - row_a, pbs_fixed(value) - a, run, rise));
+}
+
+/* The edge at four rows. */
+static inline d4 side_at(const side *s, d4 row) {
+    return d4_add(d4_all(s->at), d4_mul(d4_sub(row, d4_all(s->from)), d4_all(s->slope)));
 }
 
 /* The largest whole number k with k + off <= the edge, and the least with k + off >= it. */

@@ -286,6 +286,76 @@ TEST(no_triangles_and_odd_counts) {
     compare(t, 67);
 }
 
+/* Slivers that are a few steps wide, seen along an axis, on both sides of a middle or beside it:
+ * their normals are all rounding, and their depths are steep. */
+TEST(slivers_at_middles) {
+    enum { N = 600 };
+    tri *t = malloc(N * sizeof *t);
+    const double length[] = {0.5, 3, 30, 5e5};
+    for (int i = 0; i < N; i++) {
+        int a = i % 3, u = (a + 1) % 3, v = (a + 2) % 3;
+        double angle = uniform(0, 6.3), l = length[i / 3 % 4], deep = i % 5 ? 70 : 1e6;
+        double m[2] = {floor(uniform(0, 64)) + 0.5, floor(uniform(0, 64)) + 0.5};
+        for (int c = 0; c < 3; c++) {
+            double at_c = c == 0 ? -uniform(0, l) : c == 1 ? uniform(0, l) : uniform(-0.1, 0.1) * l;
+            t[i].p[c][u] = snap(m[0] + at_c * cos(angle) + uniform(-3, 3) * STEP, STEP);
+            t[i].p[c][v] = snap(m[1] + at_c * sin(angle) + uniform(-3, 3) * STEP, STEP);
+            t[i].p[c][a] = snap(32 + uniform(-deep, deep), STEP);
+        }
+    }
+    CHECK(compare(t, N) > N / 8);
+    free(t);
+}
+
+/* Edges that pass a middle at 2^-64 of a square voxel, on either side: x1 y2 - y1 x2 is 1 by
+ * Euclid's algorithm. And depths at the middle that are next to a whole number. */
+TEST(edges_next_to_middles) {
+    enum { N = 800 };
+    tri *t = malloc(N * sizeof *t);
+    for (int i = 0; i < N; i++) {
+        int64_t x1 = (int64_t)(bits() >> (i % 2 ? 30 : 33)) | 1, y1 = (int64_t)(bits() >> 33);
+        int64_t r0 = x1, r1 = y1, s0 = 1, s1 = 0, t0 = 0, t1 = 1;
+        while (r1) {
+            int64_t q = r0 / r1, r = r0 - q * r1, s = s0 - q * s1, w = t0 - q * t1;
+            r0 = r1, r1 = r, s0 = s1, s1 = s, t0 = t1, t1 = w;
+        }
+        /* x1 s0 + y1 t0 = r0, so the cross product of (x1, y1) and (-t0, s0) is r0. */
+        int64_t x2 = i % 4 < 2 ? t0 : -t0, y2 = i % 4 < 2 ? -s0 : s0;
+        if ((x1 < 0) == (x2 < 0) && x2) x2 = -x2, y2 = -y2;
+        int a = i % 3, u = (a + 1) % 3, v = (a + 2) % 3;
+        double m[2] = {floor(uniform(4, 60)) + 0.5, floor(uniform(4, 60)) + 0.5};
+        double k = floor(uniform(1, 63)), side = i % 8 < 4 ? 1 : -1;
+        const double x[3] = {(double)x1, (double)x2, -side * (double)(y1 >> 1)};
+        const double y[3] = {(double)y1, (double)y2, side * (double)(x1 >> 1)};
+        for (int c = 0; c < 3; c++) {
+            t[i].p[c][u] = m[0] + x[c] * STEP, t[i].p[c][v] = m[1] + y[c] * STEP;
+            t[i].p[c][a] = k + (c == 2 ? (i % 16 < 8 ? -STEP : STEP) : 0);
+            if (i % 5 == 0) t[i].p[c][a] = snap(k + uniform(-2, 2), STEP);
+        }
+    }
+    CHECK(compare(t, N) > N / 8);
+    free(t);
+}
+
+/* As good as on an edge whose ends are at whole depths; the third corner is a step off. */
+TEST(depths_next_to_whole_numbers) {
+    enum { N = 800 };
+    tri *t = malloc(N * sizeof *t);
+    for (int i = 0; i < N; i++) {
+        int a = i % 3, u = (a + 1) % 3, v = (a + 2) % 3;
+        double m[2] = {floor(uniform(4, 60)) + 0.5, floor(uniform(4, 60)) + 0.5};
+        double beside = STEP * (double)(1 << i % 24), k = floor(uniform(1, 63)),
+               size = i % 2 ? 2 : 9;
+        for (int c = 0; c < 3; c++) {
+            t[i].p[c][u] = snap(m[0] + (c - 1) * uniform(0.2, 1) * size, STEP);
+            t[i].p[c][v] = c == 1 ? snap(m[1] + uniform(0.2, 1) * size, STEP) : m[1] - beside;
+            t[i].p[c][a] = k + (c == 1 ? (i % 4 < 2 ? -STEP : STEP) : 0);
+        }
+    }
+    CHECK(compare(t, N) > N / 2);
+    free(t);
+}
+
 /* Two coordinates of a corner 1e8 times farther from each other than the third is wide. */
 TEST(needles_and_slivers) {
     tri t[400];
