@@ -4,8 +4,6 @@
 #include "libcore/pipe.h"
 #include "libcore/winding.h"
 
-enum { TRIM_FROM = 4096 }; /* triangles of a mesh behind which pages are given back */
-
 typedef struct sorting {
     pbs_blocks *b;
     size_t *at;           /* of each mesh in the store */
@@ -118,19 +116,8 @@ static pbs_code sort_mesh(void *ctx, size_t i, int thread, pbs_err *err) {
     pbs_code rc = pbs_clusters_make(w->b->run, mesh, (uint8_t *)w->b->store.bytes + w->at[i],
                                     &w->b->clusters[i], err);
     if (w->winding) w->winding[i] = pbs_winding_of(mesh);
-    if (mesh->triangles >= TRIM_FROM) pbs_trim_now(&w->b->trim);
+    pbs_pages_saw(&w->b->pages, mesh->triangles);
     return rc;
-}
-
-/* The pages of the scene's file, from the first mesh to the last one. */
-static void open_trim(pbs_blocks *b) {
-    const pbs_scene *s = b->s;
-    pbs_trim_open(b->run, &b->trim);
-    if (b->store.is_file) pbs_trim_add(&b->trim, b->store.bytes, b->store.size);
-    if (!s->mesh_count || !pbs_reader_mapped(s->reader)) return;
-    const uint8_t *first = (const uint8_t *)s->meshes[0].position;
-    const uint8_t *last = (const uint8_t *)s->meshes[s->mesh_count - 1].position;
-    if (last > first) pbs_trim_add(&b->trim, first, (size_t)(last - first));
 }
 
 static pbs_code sort_all(sorting *w, pbs_err *err) {
@@ -145,7 +132,7 @@ static pbs_code sort_all(sorting *w, pbs_err *err) {
                             "the table of meshes", err);
     if (!rc) rc = pbs_scratch_new(b->run, bytes, 1, "the clusters of triangles", &b->store, err);
     if (rc) return rc;
-    open_trim(b);
+    pbs_pages_open(s, &b->store, &b->pages);
     return pbs_parallel(b->run, s->mesh_count, sort_mesh, w, err);
 }
 
@@ -185,7 +172,7 @@ pbs_code pbs_blocks_new(const pbs_scene *s, const pbs_grid *grid, pbs_orient how
     *out = NULL;
     pbs_code rc = pbs_alloc(s->run, &b, 1, sizeof *b, "the walk over blocks", err);
     if (rc) return rc;
-    *b = (pbs_blocks){.run = s->run, .s = s, .grid = *grid, .trim.statm = -1};
+    *b = (pbs_blocks){.run = s->run, .s = s, .grid = *grid, .pages.trim.statm = -1};
     b->per_voxel = 1 / grid->voxel;
     for (int k = 0; k < 3; k++) b->slack[k] = fabs(grid->min[k]) * b->per_voxel * 0x1p-48 + 0x1p-31;
     b->across = (grid->size + PBS_BLOCK - 1) / PBS_BLOCK;
@@ -201,7 +188,7 @@ pbs_code pbs_blocks_new(const pbs_scene *s, const pbs_grid *grid, pbs_orient how
 void pbs_blocks_free(pbs_blocks *b) {
     if (!b) return;
     pbs_run *run = b->run;
-    pbs_trim_close(&b->trim);
+    pbs_pages_close(&b->pages);
     pbs_scratch_free(&b->store);
     pbs_free(run, b->clusters);
     pbs_free(run, b->bound);

@@ -4,7 +4,7 @@
 
 #include "formats/blocks.h"
 #include "formats/bounds.h"
-#include "formats/scratch.h"
+#include "formats/pages.h"
 
 enum {
     WALK_DEPTH = 12, /* levels of the octree: 2^11 blocks are more than the largest grid has */
@@ -40,8 +40,7 @@ struct pbs_blocks {
     pbs_bound *bound;       /* of each node */
     uint8_t *sides;         /* pbs_sides of each mesh */
     pbs_blocks_stats stats;
-    pbs_trim trim;
-    uint64_t visited; /* triangles; atomic */
+    pbs_pages pages;
 
     walk_frame frame[WALK_DEPTH];
     int depth; /* -1: in none */

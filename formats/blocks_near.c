@@ -3,9 +3,8 @@
 #include "formats/blocks_inner.h"
 
 enum {
-    CHECK_EVERY = 4096,   /* steps */
-    TRIM_EVERY = 1 << 18, /* triangles */
-    RUN_MOST = 1 << 14    /* triangles that are handed over at a time */
+    CHECK_EVERY = 4096, /* steps */
+    RUN_MOST = 1 << 14  /* triangles that are handed over at a time */
 };
 
 typedef struct step {
@@ -57,8 +56,7 @@ static pbs_code flush(batch *t, pbs_err *err) {
         return pbs_fail(err, PBS_DATA, "%s: a part is placed too far away for cells of %g",
                         pbs_reader_name(b->s->reader), b->grid.voxel);
     t->ready = true;
-    uint64_t before = __atomic_fetch_add(&b->visited, t->count, __ATOMIC_RELAXED);
-    if (before / TRIM_EVERY != (before + t->count) / TRIM_EVERY) pbs_trim_now(&b->trim);
+    pbs_pages_saw(&b->pages, t->count);
     pbs_code rc = v->fn(v->ctx, &b->s->meshes[t->mesh], t->at.clusters->order + t->first, t->count,
                         &t->to, (pbs_sides)b->sides[t->mesh], err);
     t->count = 0;

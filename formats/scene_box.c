@@ -3,6 +3,7 @@
 #include "formats/blocks.h"
 #include "formats/bounds.h"
 #include "formats/dag.h"
+#include "formats/pages.h"
 #include "libcore/pipe.h"
 
 typedef struct boxing {
@@ -10,6 +11,7 @@ typedef struct boxing {
     float (*mesh)[6];
     pbs_bound *bound;
     pbs_box box;
+    pbs_pages pages;
 } boxing;
 
 static pbs_code box_mesh(void *ctx, size_t i, int thread, pbs_err *err) {
@@ -24,6 +26,7 @@ static pbs_code box_mesh(void *ctx, size_t i, int thread, pbs_err *err) {
             box[k + 3] = p > box[k + 3] ? p : box[k + 3];
         }
     memcpy(b->mesh[i], box, sizeof box);
+    pbs_pages_saw(&b->pages, m->triangles);
     return PBS_OK;
 }
 
@@ -53,6 +56,7 @@ static void add_meshes(boxing *b, uint32_t node, const double m[12]) {
             pbs_xform_point(p, local, p);
             pbs_box_add(&b->box, p);
         }
+        pbs_pages_saw(&b->pages, s->meshes[i].triangles);
     }
 }
 
@@ -163,6 +167,7 @@ static pbs_code count(const pbs_scene *s, uint64_t *triangles, uint64_t *singula
 pbs_code pbs_scene_box(const pbs_scene *s, pbs_box *out, uint64_t *triangles, uint64_t *singular,
                        pbs_err *err) {
     boxing b = {.s = s, .box = PBS_BOX_EMPTY};
+    pbs_pages_open(s, NULL, &b.pages);
     pbs_code rc = count(s, triangles, singular, err);
     if (!rc)
         rc = pbs_alloc(s->run, &b.mesh, s->mesh_count, sizeof *b.mesh, "the boxes of meshes", err);
@@ -170,6 +175,7 @@ pbs_code pbs_scene_box(const pbs_scene *s, pbs_box *out, uint64_t *triangles, ui
     if (!rc) rc = pbs_bounds_make(s, (const float(*)[6])b.mesh, &b.bound, err);
     if (!rc) rc = find(&b, err);
     *out = b.box;
+    pbs_pages_close(&b.pages);
     pbs_free(s->run, b.bound);
     pbs_free(s->run, b.mesh);
     return rc;

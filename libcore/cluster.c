@@ -101,7 +101,7 @@ static pbs_code sort(pbs_run *run, const pbs_mesh *m, uint32_t *order, pbs_err *
 
 /* ---- the boxes ---- */
 
-static void grow(float box[6], const float low[3], const float high[3]) {
+static inline void grow(float box[6], const float low[3], const float high[3]) {
     for (int k = 0; k < 3; k++) {
         box[k] = low[k] < box[k] ? low[k] : box[k];
         box[k + 3] = high[k] > box[k + 3] ? high[k] : box[k + 3];

@@ -2,6 +2,7 @@
  * placing, whatever the memory; the box of a scene; which side of parts is out. */
 #include "formats/blocks.h"
 #include "formats/dag.h"
+#include "libcore/pipe.h"
 #include "tests/check.h"
 #include "tests/unit/scenes.h"
 
@@ -352,6 +353,55 @@ TEST(scales_that_cancel) {
     }
 }
 
+/* Far out and back again: what is below a node is not where its box says, by some voxels. */
+TEST(translations_that_cancel) {
+    uint64_t seed = 5;
+    maker m = new_scene();
+    uint32_t part = soup(&m, 1, 0.5, (double[3]){0, 0, 0}, &seed);
+    enum { N = 600, EACH = 1 };
+    pbs_child all[N];
+    for (int i = 0; i < N; i++) {
+        pbs_child back[EACH], out = placed(0, &seed, 1, 1e15);
+        for (int k = 0; k < EACH; k++) {
+            double wanted[3], t[3], det = pbs_xform_det(out.m), inverse[9];
+            pbs_xform_cofactor(inverse, out.m); /* its transpose / det */
+            for (int r = 0; r < 3; r++) wanted[r] = between(&seed, -100, 100) - out.m[4 * r + 3];
+            for (int r = 0; r < 3; r++)
+                t[r] = (inverse[r] * wanted[0] + inverse[3 + r] * wanted[1] +
+                        inverse[6 + r] * wanted[2]) /
+                       det;
+            back[k] = child_at(part, 0, 1, false);
+            for (int r = 0; r < 3; r++) back[k].m[4 * r + 3] = t[r];
+        }
+        out.node = add_assembly(&m, back, EACH);
+        all[i] = out;
+    }
+    uint32_t root = add_assembly(&m, all, N);
+    pbs_scene s = reopen(&m, root);
+    pbs_grid g = {.min = {-90, -90, -90}, .voxel = 0.25, .size = 720};
+    CHECK(check_grid(&s, &g, true) > 0);
+    pbs_scene_close(&s);
+}
+
+/* A triangle on the border of what a block reaches, of numbers so large that a rounding matters:
+ * 0.3 / 0.1 is not 0.3 * 10. */
+TEST(roundings_on_borders) {
+    const float far = 0x1.ffp29f;
+    maker m = new_scene();
+    begin_part(&m, 0, 0, 0);
+    put_triangle(&m, (double[3][3]){{far, 0, 2e-7}, {far, 64, 2e-7}, {far, 0, 1}});
+    uint32_t part = end_part(&m);
+    pbs_child c[80];
+    for (int i = 0; i < 80; i++) {
+        double at = -0.3 * far + 6.5 + 2e-8 * (i - 40);
+        c[i] = (pbs_child){.node = part, .m = {0.3, 0, 0.1, at, 0, 0.1, 0, 0, 0, 0, 0.1, 0}};
+    }
+    pbs_scene s = reopen(&m, add_assembly(&m, c, 80));
+    pbs_grid g = {.min = {0, 0, 0}, .voxel = 0.1, .size = 400};
+    CHECK(check_grid(&s, &g, true) > 0);
+    pbs_scene_close(&s);
+}
+
 /* More placings than the smallest lists hold. */
 TEST(many_children) {
     enum { N = 6000 };
@@ -395,6 +445,129 @@ static uint64_t count_all(const pbs_scene *s, const pbs_grid *g, uint64_t *block
     }
     pbs_blocks_free(b);
     return n;
+}
+
+/* As the digest of a flat scene, for scenes of one part. */
+static pbs_code digest(void *ctx, const pbs_mesh *mesh, const uint32_t *triangles, size_t count,
+                       const pbs_to_grid *to, pbs_sides sides, pbs_err *e) {
+    uint64_t *d = ctx;
+    (void)to, (void)sides, (void)e;
+    for (size_t i = 0; i < count; i++) {
+        uint32_t bits;
+        memcpy(&bits, mesh->position, sizeof bits);
+        uint64_t h = bits * (uint64_t)1000003 + triangles[i] + d[1];
+        d[0] += (h ^ h >> 29) * 0xe7037ed1a0b428dbu;
+    }
+    return PBS_OK;
+}
+
+/* Clusters in a file, or in memory; one thread, or two. */
+TEST(a_part_larger_than_memory) {
+    uint64_t seed = 3, first = 0;
+    maker m = new_scene();
+    uint32_t root = soup(&m, 120000, 100, (double[3]){0, 0, 0}, &seed);
+    pbs_scene s = reopen(&m, root);
+    pbs_box box;
+    uint64_t triangles, singular;
+    CHECK(!pbs_scene_box(&s, &box, &triangles, &singular, &err));
+    pbs_grid g = pbs_grid_around(&box, 256);
+    for (int i = 0; i < 3; i++) {
+        pbs_blocks *b;
+        uint64_t d[2] = {0, 0};
+        size_t limit = pbs_mem_used(&run) + ((size_t)5 << 18);
+        run.threads = 1 + i % 2;
+        run.mem_limit = i ? limit : 0;
+        run.mem_peak = pbs_mem_used(&run);
+        must(pbs_blocks_new(&s, &g, PBS_ORIENT_AUTO, 1 << 20, &b, &err), &err);
+        for (;; d[1]++) {
+            pbs_nearby *near;
+            uint32_t at[3];
+            bool end;
+            must(pbs_blocks_next(b, at, &near, &end, &err), &err);
+            if (end) break;
+            must(pbs_nearby_visit(near, digest, d, &err), &err);
+            pbs_nearby_free(near);
+        }
+        pbs_blocks_free(b);
+        if (!i) first = d[0];
+        CHECK(d[0] == first && d[1] == 64);
+        if (i) CHECK(pbs_mem_peak(&run) <= limit);
+    }
+    run.mem_limit = pbs_mem_used(&run) + (1 << 18); /* not enough for the lists */
+    pbs_blocks *b;
+    CHECK(pbs_blocks_new(&s, &g, PBS_ORIENT_AUTO, 1 << 20, &b, &err) == PBS_LIMIT && !b);
+    run.mem_limit = 0;
+    pbs_scene_close(&s);
+}
+
+/* ---- on threads: the walk goes on while blocks are worked on ---- */
+
+typedef struct job {
+    pbs_nearby *near;
+    uint64_t triangles;
+} job;
+
+static pbs_code next_job(void *ctx, void *slot, bool *end, pbs_err *e) {
+    uint32_t at[3];
+    return pbs_blocks_next(ctx, at, &((job *)slot)->near, end, e);
+}
+
+static pbs_code do_job(void *ctx, void *slot, int thread, pbs_err *e) {
+    job *j = slot;
+    (void)ctx, (void)thread;
+    j->triangles = 0;
+    return pbs_nearby_visit(j->near, tally, &j->triangles, e);
+}
+
+static uint64_t jobs_total;
+static pbs_code end_job(void *ctx, void *slot, pbs_err *e) {
+    job *j = slot;
+    (void)ctx, (void)e;
+    jobs_total += j->triangles;
+    pbs_nearby_free(j->near);
+    return PBS_OK;
+}
+
+TEST(on_threads) {
+    uint64_t seed = 77, total = 0, blocks;
+    maker m = new_scene();
+    uint32_t root = tree(&m, 0, &seed);
+    pbs_scene s = reopen(&m, root);
+    pbs_box box;
+    uint64_t triangles, singular;
+    CHECK(!pbs_scene_box(&s, &box, &triangles, &singular, &err));
+    pbs_grid g = pbs_grid_around(&box, 2000);
+    total = count_all(&s, &g, &blocks);
+    for (run.threads = 1; run.threads <= 4; run.threads *= 2) {
+        pbs_blocks *b;
+        job slots[8];
+        must(pbs_blocks_new(&s, &g, PBS_ORIENT_AUTO, 1 << 20, &b, &err), &err);
+        pbs_pipe p = {b, next_job, do_job, end_job, slots, sizeof *slots, 2 * run.threads};
+        jobs_total = 0;
+        must(pbs_pipe_run(&run, &p, &err), &err);
+        CHECK(jobs_total == total);
+        pbs_blocks_free(b);
+    }
+    run.threads = 2;
+    pbs_scene_close(&s);
+}
+
+TEST(cancelled) {
+    maker m = new_scene();
+    pbs_scene s = reopen(&m, cube(&m, WHOLE));
+    volatile sig_atomic_t stop = 0;
+    pbs_grid g = {.min = {-20, -20, -20}, .voxel = 0.1, .size = 400};
+    pbs_blocks *b;
+    pbs_nearby *near;
+    uint32_t at[3];
+    bool end;
+    must(pbs_blocks_new(&s, &g, PBS_ORIENT_AUTO, 1 << 20, &b, &err), &err);
+    stop = 1;
+    run.cancel = &stop;
+    CHECK(pbs_blocks_next(b, at, &near, &end, &err) == PBS_CANCEL && !near);
+    run.cancel = NULL;
+    pbs_blocks_free(b);
+    pbs_scene_close(&s);
 }
 
 /* 4^9 cubes, all in one block, or on the corner of eight. */
@@ -565,6 +738,12 @@ TEST(halves) {
     uint32_t one = cube(&m, HALF_ONE), two = cube(&m, HALF_TWO);
     sides_of(&m, add_pair(&m, here(one), child_at(two, 1e-9, 1, false)), PBS_ORIENT_AUTO, n,
              &stats);
+    CHECK(is(n, 0, 0, 2));
+    m = new_scene();
+    one = cube(&m, HALF_ONE);
+    begin_part(&m, 1.5, 1.25, 0); /* the same bits around another origin */
+    put_cube(&m, 0, 2, HALF_TWO);
+    sides_of(&m, add_pair(&m, here(one), here(end_part(&m))), PBS_ORIENT_AUTO, n, &stats);
     CHECK(is(n, 0, 0, 2));
     m = new_scene();
     one = cube(&m, HALF_ONE), two = cube(&m, HALF_TWO);
