@@ -16,40 +16,60 @@
 #include "libcore/block.h"
 #include "libcore/cluster.h"
 
-/* The exact box of all placed vertices, in the scene's coordinates. Only what may make the box
- * larger is looked at. triangles: with all instances; singular: placings whose transform cannot be
+/* The exact box of all placed vertices, in the scene's coordinates: that of pbs_scene_flatten, bit
+ * for bit. Only what may make the box larger is looked at. triangles: with all instances,
+ * UINT64_MAX if there are more; singular: placings of parts below a transform that cannot be
  * inverted. Errors: PBS_DATA if there is none, or not finite; PBS_LIMIT, PBS_CANCEL. */
 pbs_code pbs_scene_box(const pbs_scene *s, pbs_box *out, uint64_t *triangles, uint64_t *singular,
                        pbs_err *err);
 
 typedef enum pbs_orient {
-    PBS_ORIENT_AUTO, /* per part: closed, each edge used once in each direction, and the volume says
-                        which side is out; double-sided materials and all other parts: unknown */
-    PBS_ORIENT_TRUST,  /* counter-clockwise is outside */
+    PBS_ORIENT_AUTO,  /* per part: closed, each edge used as often in one direction as in the other,
+                         and the volume says which side is out; all other parts: unknown. What
+                         materials say of their sides does not matter. A part that was split (its
+                         pieces are placed where they are, around one origin) counts as a whole,
+                         unless a piece is closed by itself */
+    PBS_ORIENT_TRUST, /* counter-clockwise is outside */
     PBS_ORIENT_UNKNOWN /* both sides of everything */
 } pbs_orient;
 
 typedef struct pbs_blocks pbs_blocks;
 
-/* Sorts the meshes (on all threads). memory: what the lists may take, at least 1 MiB. The scene is
- * borrowed. Errors: PBS_LIMIT, PBS_IO, PBS_CANCEL. */
+/* Sorts the meshes (on all threads). memory: what the lists may take, at least 1 MiB; clusters take
+ * 4.5 bytes a unique triangle besides, in a file if that is much. The scene is borrowed. Errors:
+ * PBS_LIMIT, PBS_IO, PBS_CANCEL. */
 pbs_code pbs_blocks_new(const pbs_scene *s, const pbs_grid *grid, pbs_orient orient, size_t memory,
                         pbs_blocks **out, pbs_err *err);
 void pbs_blocks_free(pbs_blocks *b); /* NULL is fine */
 
-typedef struct pbs_near pbs_near; /* what touches a block: any thread may use it */
+/* What touches a block; any thread may use it, while the walk goes on. At most a quarter of the
+ * lists' memory. */
+typedef struct pbs_nearby pbs_nearby;
 
 /* The next block that some box touches (the block with the layer of one cell around it): its lower
- * corner in cells, and what touches it, which is the caller's until pbs_near_free. *end: there is
- * no more. One thread at a time. Errors: PBS_LIMIT, PBS_CANCEL. */
-pbs_code pbs_blocks_next(pbs_blocks *b, uint32_t at[3], pbs_near **near, bool *end, pbs_err *err);
-void pbs_near_free(pbs_near *n); /* NULL is fine */
+ * corner in cells, and what touches it, which is the caller's until pbs_nearby_free and goes before
+ * the pbs_blocks does. *end: there is no more. Which blocks have triangles, and which ones, does
+ * not depend on memory; a block that only boxes touch may come or not. One thread at a time.
+ * Errors: PBS_LIMIT, PBS_CANCEL; the walk is over then. */
+pbs_code pbs_blocks_next(pbs_blocks *b, uint32_t at[3], pbs_nearby **near, bool *end, pbs_err *err);
+void pbs_nearby_free(pbs_nearby *n); /* NULL is fine */
 
-/* Adds to a block, which has begun at that corner, all triangles near it. */
-pbs_code pbs_near_add(const pbs_near *n, pbs_block *block, pbs_err *err);
+/* Called with triangles of a mesh, all near each other; arguments as of pbs_block_add. */
+typedef pbs_code (*pbs_nearby_fn)(void *ctx, const pbs_mesh *mesh, const uint32_t *triangles,
+                                  size_t count, const pbs_to_grid *to, pbs_sides sides,
+                                  pbs_err *err);
+
+/* Visits all triangles near the block, for each placing once, and some more: clusters whose box
+ * touches it. Placings with NaN are left out. Errors: PBS_DATA if a placing near the block has
+ * numbers that are too large for the grid; PBS_LIMIT, PBS_CANCEL, and fn's. */
+pbs_code pbs_nearby_visit(const pbs_nearby *n, pbs_nearby_fn fn, void *ctx, pbs_err *err);
+/* Adds them to a block, which has begun at that corner. */
+pbs_code pbs_nearby_add(const pbs_nearby *n, pbs_block *block, pbs_err *err);
 
 typedef struct pbs_blocks_stats {
-    uint64_t parts_known, parts_turned, parts_unknown; /* by orientation; unique parts */
+    uint64_t parts_known,
+        parts_unknown;     /* unique parts with meshes: is it known which side is out? */
+    uint64_t parts_turned; /* of those known: inside out */
 } pbs_blocks_stats;
 pbs_blocks_stats pbs_blocks_totals(const pbs_blocks *b);
 #endif
