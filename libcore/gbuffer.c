@@ -203,7 +203,7 @@ static void draw_mixed(const pbs_resolve *set, pbs_raster *r, const pbs_pair *pa
     uint32_t run = 0, first = set->first[d];
     for (uint32_t i = 0; i < mesh->triangles; i++) {
         if (!pbs_surfaces_asks(set->surfaces, mesh, i)) continue;
-        if (!q.place.draw) pbs_place(&q.place, pair, &set->draws[d], d, first);
+        if (!q.place.draw) pbs_resolve_place(&q.place, pair, &set->draws[d], d, first);
         pbs_raster_draw(r, v, mesh->index + 3 * (size_t)run, i - run, first + run, finite);
         q.triangle = i;
         pbs_raster_draw_masked(r, v, mesh->index + 3 * (size_t)i, first + i, ask, &q);

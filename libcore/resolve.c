@@ -2,8 +2,8 @@
 
 /* ---- placed meshes ---- */
 
-void pbs_place(pbs_placed *p, const pbs_pair *pair, const pbs_draw *draw, uint32_t number,
-               uint32_t first) {
+void pbs_resolve_place(pbs_placed *p, const pbs_pair *pair, const pbs_draw *draw, uint32_t number,
+                       uint32_t first) {
     double m[12], scaled[12], most = 0;
     pbs_pair_project(m, pair, draw->m);
     *p = (pbs_placed){.draw = draw, .number = number, .first = first};
@@ -38,7 +38,7 @@ static pbs_placed *placed(pbs_resolve_scratch *s, uint32_t id) {
     pbs_placed *p = &s->cache[slot];
     if (!p->draw || p->number != d) {
         if (s->used[slot] == s->batch) return NULL;
-        pbs_place(p, s->pair, &set->draws[d], d, set->first[d]);
+        pbs_resolve_place(p, s->pair, &set->draws[d], d, set->first[d]);
     }
     s->used[slot] = s->batch;
     s->last = d;

@@ -52,8 +52,8 @@ void pbs_resolve_begin(pbs_resolve_scratch *s, const pbs_resolve *set, const pbs
 /* Appends the covered pixels of r's band to out[0] (even view) and out[1] (odd view, mirrored). */
 void pbs_resolve_band(pbs_resolve_scratch *s, const pbs_raster *r, pbs_resolve_out out[2]);
 
-void pbs_place(pbs_placed *p, const pbs_pair *pair, const pbs_draw *draw, uint32_t number,
-               uint32_t first);
+void pbs_resolve_place(pbs_placed *p, const pbs_pair *pair, const pbs_draw *draw, uint32_t number,
+                       uint32_t first);
 
 /* Fills lane 0 for the centre of pixel x, y of the even view. */
 void pbs_resolve_one(const pbs_placed *p, uint32_t triangle, uint32_t x, uint32_t y,
