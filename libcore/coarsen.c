@@ -7,6 +7,7 @@
  * that the next one is not in. */
 #include "libcore/candidates.h"
 #include "libcore/coarsen_inner.h"
+#include "libcore/morton.h"
 #include <string.h>
 
 #define LEVELS_MAX 32
@@ -293,17 +294,6 @@ static pbs_code add_voxels(pbs_coarsen *c, const pbs_voxels *v, const uint32_t *
 
 /* ---- chunks ---- */
 
-/* The highest bit in which they differ decides, of equal ones that of the later axis. */
-static bool before(const uint32_t a[3], const uint32_t b[3]) {
-    int axis = 0;
-    uint32_t most = 0;
-    for (int k = 0; k < 3; k++) {
-        uint32_t d = a[k] ^ b[k];
-        if (d >= most || d > (d ^ most)) axis = k, most = d;
-    }
-    return a[axis] < b[axis];
-}
-
 static void begin_chunks(pbs_coarsen *c, uint32_t levels, const uint32_t chunk[3]) {
     for (uint32_t l = 0; l < levels; l++) {
         c->level[l].last = -1;
@@ -334,7 +324,7 @@ pbs_code pbs_coarsen_add(pbs_coarsen *c, const uint32_t chunk[3], const pbs_voxe
         begin_chunks(c, c->levels + 1, chunk);
         c->open = true;
     } else if (memcmp(c->level[0].chunk, chunk, sizeof c->level[0].chunk)) {
-        if (!before(c->level[0].chunk, chunk))
+        if (!pbs_morton_before(c->level[0].chunk, chunk))
             return pbs_fail(err, PBS_DATA, "chunks that are not in Morton order");
         pbs_code rc = end_chunks(c, chunk, &ended, err);
         if (rc) return rc;
