@@ -62,6 +62,13 @@ void pbs_trim_close(pbs_trim *t) {
     t->count = 0;
 }
 
+void pbs_pages_rest(const void *bytes, size_t size) {
+    const uintptr_t page = 65536;
+    uintptr_t from = ((uintptr_t)bytes + page - 1) & ~(page - 1);
+    uintptr_t to = ((uintptr_t)bytes + size) & ~(page - 1);
+    if (from < to) madvise((void *)from, to - from, MADV_DONTNEED);
+}
+
 /* ---- arrays ---- */
 
 /* The file gets all its blocks at once: a page of a map that finds the disk full would end the
@@ -84,11 +91,17 @@ static pbs_code map_file(pbs_scratch *s, const pbs_output *spool, const char *wh
 
 pbs_code pbs_scratch_new(pbs_run *run, size_t count, size_t size, const char *what,
                          pbs_scratch *out, pbs_err *err) {
+    if (size && count > pbs_mem_left(run) / 4 / size)
+        return pbs_scratch_file(run, count, size, what, out, err);
+    *out = (pbs_scratch){.run = run, .size = count * size};
+    return pbs_alloc(run, &out->bytes, out->size, 1, what, err);
+}
+
+pbs_code pbs_scratch_file(pbs_run *run, size_t count, size_t size, const char *what,
+                          pbs_scratch *out, pbs_err *err) {
     *out = (pbs_scratch){.run = run};
     if (size && count > SIZE_MAX / 4 / size) return pbs_fail(err, PBS_LIMIT, "%s: too large", what);
     out->size = count * size;
-    if (out->size <= pbs_mem_left(run) / 4)
-        return pbs_alloc(run, &out->bytes, out->size, 1, what, err);
     pbs_output spool;
     pbs_code rc = pbs_output_spool(run, &spool, err);
     if (rc) return rc;

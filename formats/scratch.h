@@ -36,6 +36,8 @@ void pbs_trim_drop(pbs_trim *t, const void *bytes);
  * read in order. */
 void pbs_trim_now(const pbs_trim *t);
 void pbs_trim_close(pbs_trim *t);
+/* The whole pages of one range are given back now; it must be in the map of a file. */
+void pbs_pages_rest(const void *bytes, size_t size);
 
 /* ---- arrays ---- */
 
@@ -51,6 +53,9 @@ typedef struct pbs_scratch {
  * is full, which is known here and not later. Free it also after an error. */
 pbs_code pbs_scratch_new(pbs_run *run, size_t count, size_t size, const char *what,
                          pbs_scratch *out, pbs_err *err);
+/* The same, in a file whatever the size. */
+pbs_code pbs_scratch_file(pbs_run *run, size_t count, size_t size, const char *what,
+                          pbs_scratch *out, pbs_err *err);
 /* Zeroed by = {0} is fine. */
 void pbs_scratch_free(pbs_scratch *s);
 #endif
