@@ -118,7 +118,7 @@ ifeq ($(call have,meshoptimizer.h,),yes)
 $(B)/tests/test_gltf_meshopt: LDLIBS += -lmeshoptimizer
 endif
 # The player's tests have its parts, but not its main.
-$(B)/tests/test_view $(B)/tests/test_draw: $(B)/tests/%: $(B)/obj/tests/unit/%.o \
+$(B)/tests/test_view $(B)/tests/test_draw $(B)/tests/test_draw_voxel: $(B)/tests/%: $(B)/obj/tests/unit/%.o \
     $(filter-out %/main.o,$(view)) $(B)/libformats.a $(B)/libcore.a
 	@mkdir -p $(@D)
 	$(CC) $(ALLLDFLAGS) -o $@ $^ $(LDLIBS)
@@ -143,7 +143,7 @@ bench: all $(benches)
 fuzz:
 	@mkdir -p build/fuzz/corpus
 	clang -g -O1 -std=c11 -D_GNU_SOURCE -I. -fsanitize=fuzzer,address,undefined -o build/fuzz/container \
-	    tests/fuzz/fuzz_container.c formats/*.c libcore/err.c libcore/run.c libcore/pipe.c libcore/quant.c libcore/polygon.c -lm -ldl -pthread
+	    tests/fuzz/fuzz_container.c formats/*.c libcore/err.c libcore/run.c libcore/pipe.c libcore/quant.c libcore/polygon.c libcore/voxel.c libcore/grid.c -lm -ldl -pthread
 	build/fuzz/container -max_total_time=60 -max_len=8192 -timeout=10 build/fuzz/corpus
 lint:
 	@scripts/lint

@@ -1,7 +1,7 @@
 /* pbs-info: what is in a pbs file, a line a chunk. */
 #include "cmd/tool.h"
+#include "formats/archive.h"
 #include "formats/check.h"
-#include "formats/node.h"
 #include <inttypes.h>
 #include <stdio.h>
 #include <string.h>
@@ -33,6 +33,7 @@ typedef struct printer {
     pbs_run *run;
     const options *o;
     pbs_reader *r;
+    uint32_t voxels; /* channels */
     uint64_t chunks, nodes, printed;
     pbs_node *node; /* all of them, for the tree */
     size_t room;
@@ -73,22 +74,40 @@ static void print_header(const printer *p) {
     printf("],\n \"%s\": [", p->o->tree ? "tree" : p->o->nodes ? "nodes" : "chunks");
 }
 
+/* Which chunk of cells, for a chunk of voxels. */
+static bool place_of(const printer *p, const pbs_chunk *c, pbs_voxel_place *place) {
+    pbs_voxels v;
+    pbs_chunk one = *c;
+    if (c->tag != PBS_TAG_VOXELS || !p->voxels) return false;
+    if (!one.payload) one.payload = pbs_reader_peek(p->r, c);
+    return one.payload && !pbs_voxels_view("", p->voxels, &one, one.first, place, &v, NULL);
+}
+
 static void print_chunk(const printer *p, const pbs_chunk *c) {
     char tag[5], node[16] = "-";
+    pbs_voxel_place at;
+    bool has_place = place_of(p, c, &at);
     pbs_tag_text(c->tag, tag);
     if (c->node != UINT32_MAX) snprintf(node, sizeof node, "%u", c->node);
     if (!p->o->json) {
         if (!p->chunks)
             printf("%12s  tag   %8s %10s %10s %12s  crc\n", "offset", "node", "first", "count",
                    "bytes");
-        printf("%12" PRIu64 "  %s  %8s %10u %10u %12" PRIu64 "  %08x\n", c->offset, tag, node,
+        printf("%12" PRIu64 "  %s  %8s %10u %10u %12" PRIu64 "  %08x", c->offset, tag, node,
                c->first, c->count, c->bytes, c->crc);
+        if (has_place)
+            printf("  level %u, %u %u %u", at.level, at.chunk[0], at.chunk[1], at.chunk[2]);
+        printf("\n");
         return;
     }
     printf("%s\n  {\"offset\": %" PRIu64 ", \"tag\": ", p->chunks ? "," : "", c->offset);
     pbs_print_json_text(tag, 4);
-    printf(", \"node\": %s, \"first\": %u, \"count\": %u, \"bytes\": %" PRIu64 ", \"crc\": %u}",
+    printf(", \"node\": %s, \"first\": %u, \"count\": %u, \"bytes\": %" PRIu64 ", \"crc\": %u",
            c->node == UINT32_MAX ? "null" : node, c->first, c->count, c->bytes, c->crc);
+    if (has_place)
+        printf(", \"level\": %u, \"cells\": [%u, %u, %u]", at.level, at.chunk[0], at.chunk[1],
+               at.chunk[2]);
+    printf("}");
 }
 
 static void print_box(const pbs_box *b) {
@@ -217,11 +236,23 @@ static pbs_code walk_stream(printer *p, pbs_err *err) {
     }
 }
 
+/* 0: none, or none that are known. */
+static uint32_t voxel_channels(const pbs_reader *r) {
+    pbs_record points;
+    uint32_t voxels = 0;
+    const char *text = pbs_reader_channels(r);
+    if (pbs_reader_kind(r) == PBS_VOXELS)
+        return pbs_voxels_parse("", text, &voxels, NULL) ? 0 : voxels;
+    if (pbs_reader_kind(r) != PBS_ARCHIVE) return 0;
+    return pbs_archive_parse("", text, &points, &voxels, NULL) ? 0 : voxels;
+}
+
 static pbs_code print_file(pbs_app *app, const options *o, const char *path, pbs_err *err) {
     printer p = {.run = &app->run, .o = o};
     pbs_code rc = pbs_reader_open_path(&app->run, path, (1u << PBS_KINDS) - 1, &p.r, err);
     if (rc) return rc;
     print_header(&p);
+    p.voxels = voxel_channels(p.r);
     rc = pbs_reader_mapped(p.r) ? walk_directory(&p, err) : walk_stream(&p, err);
     if (!rc && o->tree) rc = print_tree(&p, err);
     if (!rc && o->json) printf("]}\n");

@@ -1,8 +1,7 @@
 #include "formats/check.h"
+#include "formats/archive.h"
+#include "formats/check_voxels.h"
 #include "formats/meshbuild.h"
-#include "formats/node.h"
-#include "formats/octaves.h"
-#include "formats/points.h"
 #include "formats/scene.h"
 #include <string.h>
 
@@ -10,6 +9,7 @@ typedef struct node_state {
     uint64_t records;  /* seen so far */
     uint64_t promised; /* by the node; in archives it comes first */
     uint64_t entries;  /* of octaves, seen so far */
+    uint32_t tag;      /* of the chunks that its records are in */
     pbs_lattice lattice;
 } node_state;
 
@@ -17,8 +17,9 @@ typedef struct state {
     pbs_run *run;
     pbs_reader *r;
     const char *name;
-    pbs_record record;
-    bool has_records, archive;
+    pbs_record record;       /* stride 0: the file has no points */
+    pbs_voxel_check *voxels; /* NULL: nor voxels */
+    bool archive;
     const pbs_chunk *entries; /* of the directory; NULL: a pipe */
     size_t entry_count;
     node_state *nodes;
@@ -53,7 +54,7 @@ static pbs_code room_for_node(state *s, uint32_t id, pbs_err *err) {
 
 static pbs_code check_points(state *s, const pbs_chunk *c, pbs_err *err) {
     pbs_points p;
-    if (!s->has_records) return bad(s, c, "points in a file of another kind", err);
+    if (!s->record.stride) return bad(s, c, "points in a file of another kind", err);
     node_state *n = &s->nodes[c->node];
     if (n->records != c->first) return bad(s, c, "does not follow the points before", err);
     if (c->bytes != (uint64_t)c->count * s->record.stride)
@@ -75,13 +76,23 @@ static pbs_code check_points(state *s, const pbs_chunk *c, pbs_err *err) {
 }
 
 static pbs_code check_octaves(state *s, const pbs_chunk *c, pbs_err *err) {
-    if (!s->has_records) return bad(s, c, "octaves in a file of another kind", err);
+    if (!s->record.stride) return bad(s, c, "octaves in a file of another kind", err);
     node_state *n = &s->nodes[c->node];
     pbs_record entry = pbs_octave_record(s->record.channels);
     if (n->entries != c->first || c->bytes != (uint64_t)c->count * entry.stride || !entry.stride)
         return bad(s, c, "does not fit the octaves before", err);
     n->entries += c->count;
     return PBS_OK;
+}
+
+static pbs_code check_voxels(state *s, const pbs_chunk *c, pbs_err *err) {
+    if (!s->voxels) return bad(s, c, "voxels in a file of another kind", err);
+    if (c->tag == PBS_TAG_VOXELS) {
+        s->nodes[c->node].records += c->count;
+        s->out->records += c->count;
+    }
+    /* chunks counts this one */
+    return pbs_voxel_check_chunk(s->voxels, c, (size_t)s->out->chunks - 1, err);
 }
 
 /* In streams a node follows its points; in archives it comes before them. */
@@ -97,6 +108,7 @@ static pbs_code check_node(state *s, const pbs_chunk *c, pbs_err *err) {
         known->lattice.step = n.lattice;
         if (!s->archive && known->records != n.records)
             rc = bad(s, c, "has not as many records as it says", err);
+        if (!rc && s->voxels) rc = pbs_voxel_check_node(s->voxels, &n, err);
     }
     pbs_node_free(s->run, &n);
     return rc;
@@ -112,9 +124,11 @@ static pbs_code check_mesh(state *s, const pbs_chunk *c, pbs_err *err) {
     return rc;
 }
 
+/* Textures stay behind in the scene. */
 static pbs_code check_material(state *s, const pbs_chunk *c, pbs_err *err) {
     pbs_material m;
-    bool ok = c->node == s->materials++ && pbs_material_parse(c, s->textures, &m);
+    uint32_t textures = pbs_reader_kind(s->r) == PBS_SCENE ? s->textures : PBS_NONE;
+    bool ok = c->node == s->materials++ && pbs_material_parse(c, textures, &m);
     return ok ? PBS_OK : bad(s, c, "is not a material", err);
 }
 
@@ -123,20 +137,32 @@ static pbs_code check_texture(state *s, const pbs_chunk *c, pbs_err *err) {
     return ok ? PBS_OK : bad(s, c, "is not a texture", err);
 }
 
-static pbs_code check_chunk(state *s, const pbs_chunk *c, pbs_err *err) {
-    bool data = c->tag == PBS_TAG_POINTS || c->tag == PBS_TAG_MESH || c->tag == PBS_TAG_OCTAVES;
+/* A chunk of a node's data is where its node is, and all of the node's records are of one sort. */
+static pbs_code check_data(state *s, const pbs_chunk *c, pbs_err *err) {
+    bool record = c->tag == PBS_TAG_POINTS || c->tag == PBS_TAG_MESH || c->tag == PBS_TAG_VOXELS;
     pbs_code rc = PBS_OK;
-    if (data && s->archive && c->node >= s->out->nodes)
+    if (!record && c->tag != PBS_TAG_OCTAVES && c->tag != PBS_TAG_FACES) return PBS_OK;
+    if (s->archive && c->node >= s->out->nodes)
         return bad(s, c, "there is no such node before it", err);
-    if (data && !s->archive) {
+    if (!s->archive) {
         if (c->node != s->out->nodes) return bad(s, c, "its node comes elsewhere", err);
         rc = room_for_node(s, c->node, err);
     }
+    if (rc || !record) return rc;
+    node_state *n = &s->nodes[c->node];
+    if (n->tag && n->tag != c->tag) return bad(s, c, "its node has records of another sort", err);
+    n->tag = c->tag;
+    return PBS_OK;
+}
+
+static pbs_code check_chunk(state *s, const pbs_chunk *c, pbs_err *err) {
+    pbs_code rc = check_data(s, c, err);
     if (rc) return rc;
     if (c->tag == PBS_TAG_NODE) return check_node(s, c, err);
     if (c->tag == PBS_TAG_POINTS) return check_points(s, c, err);
     if (c->tag == PBS_TAG_OCTAVES) return check_octaves(s, c, err);
     if (c->tag == PBS_TAG_MESH) return check_mesh(s, c, err);
+    if (c->tag == PBS_TAG_VOXELS || c->tag == PBS_TAG_FACES) return check_voxels(s, c, err);
     if (c->tag == PBS_TAG_MATERIAL) return check_material(s, c, err);
     if (c->tag == PBS_TAG_TEXTURE) return check_texture(s, c, err);
     return PBS_OK;
@@ -172,18 +198,30 @@ static pbs_code check_all(state *s, pbs_err *err) {
     if (!rc && s->entries && s->out->chunks != s->entry_count)
         rc = pbs_fail(err, PBS_DATA, "%s: the directory lists chunks that are not there", s->name);
     if (!rc && !s->out->nodes) rc = pbs_fail(err, PBS_DATA, "%s: no node in it", s->name);
-    return rc ? rc : check_promises(s, err);
+    if (!rc) rc = check_promises(s, err);
+    return rc || !s->voxels ? rc
+                            : pbs_voxel_check_end(s->voxels, s->materials, s->entries ? s->r : NULL,
+                                                  s->entries, err);
+}
+
+/* What the file says that it has. */
+static pbs_code read_channels(state *s, pbs_kind kind, uint32_t *voxels, pbs_err *err) {
+    const char *text = pbs_reader_channels(s->r);
+    if (kind == PBS_CANDIDATES || kind == PBS_SURFELS)
+        return pbs_record_parse(s->name, text, &s->record, err);
+    if (kind == PBS_VOXELS) return pbs_voxels_parse(s->name, text, voxels, err);
+    return s->archive ? pbs_archive_parse(s->name, text, &s->record, voxels, err) : PBS_OK;
 }
 
 static pbs_code start(state *s, pbs_err *err) {
     pbs_kind kind = pbs_reader_kind(s->r);
     s->name = pbs_reader_name(s->r);
     s->archive = kind == PBS_ARCHIVE;
-    s->has_records = kind == PBS_CANDIDATES || kind == PBS_SURFELS || kind == PBS_ARCHIVE;
-    pbs_code rc = PBS_OK;
-    if (s->has_records) rc = pbs_record_parse(s->name, pbs_reader_channels(s->r), &s->record, err);
-    if (!rc && s->has_records && s->record.packed != s->archive)
+    uint32_t voxels = 0;
+    pbs_code rc = read_channels(s, kind, &voxels, err);
+    if (!rc && s->record.packed && !s->archive)
         rc = pbs_fail(err, PBS_DATA, "%s: its records are not those of its kind", s->name);
+    if (!rc && voxels) rc = pbs_voxel_check_new(s->run, s->name, voxels, &s->voxels, err);
     if (!rc && pbs_reader_mapped(s->r))
         rc = pbs_reader_directory(s->r, &s->entries, &s->entry_count, err);
     return rc;
@@ -197,6 +235,7 @@ pbs_code pbs_check_file(pbs_run *run, pbs_input *in, pbs_checked *out, pbs_err *
     rc = start(&s, err);
     if (!rc) rc = check_all(&s, err);
     out->bytes = pbs_reader_bytes(s.r);
+    pbs_voxel_check_free(s.voxels);
     pbs_free(run, s.nodes);
     pbs_reader_close(s.r);
     return rc;

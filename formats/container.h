@@ -103,6 +103,9 @@ pbs_code pbs_reader_next(pbs_reader *r, pbs_chunk *chunk, bool *end, pbs_err *er
  * directory, in file order, without payloads; it belongs to the reader. */
 pbs_code pbs_reader_directory(pbs_reader *r, const pbs_chunk **entries, size_t *count,
                               pbs_err *err);
+/* The payload behind an entry as it lies in the map, without a look at it or its checksum: for its
+ * first bytes, where the rest is not to be read. NULL if the file is too short, or no map. */
+const void *pbs_reader_peek(const pbs_reader *r, const pbs_chunk *entry);
 /* Reads and checks the chunk behind an entry. */
 pbs_code pbs_reader_at(pbs_reader *r, const pbs_chunk *entry, pbs_chunk *chunk, pbs_err *err);
 

@@ -371,6 +371,14 @@ pbs_code pbs_reader_directory(pbs_reader *r, const pbs_chunk **entries, size_t *
     return PBS_OK;
 }
 
+const void *pbs_reader_peek(const pbs_reader *r, const pbs_chunk *e) {
+    if (!r->in.mapped || e->offset % PBS_ALIGN || e->offset > r->in.size) return NULL;
+    uint64_t left = r->in.size - e->offset;
+    return left < CHUNK_FIXED || e->bytes > left - CHUNK_FIXED
+               ? NULL
+               : r->in.bytes + e->offset + CHUNK_FIXED;
+}
+
 pbs_code pbs_reader_at(pbs_reader *r, const pbs_chunk *entry, pbs_chunk *c, pbs_err *err) {
     uint64_t at = r->at;
     const uint8_t *h = NULL;

@@ -62,6 +62,11 @@ double pbs_cut_wanted(const pbs_camera *camera, unsigned height, double depth, d
     return stretch > 0 ? radius / stretch : INFINITY;
 }
 
+bool pbs_cut_fine(const pbs_camera *camera, unsigned height, double depth, double pixels,
+                  double side, const double m[12]) {
+    return side <= 2 * pbs_cut_wanted(camera, height, depth, pixels, m);
+}
+
 bool pbs_cut_visible(const pbs_camera *camera, double aspect, const pbs_box *box, double padding,
                      const double m[12]) {
     double view[12], tan_x = camera->tan_half * aspect, tan_y = camera->tan_half;

@@ -1,4 +1,5 @@
-/* cut.h: which prefix of which node is drawn, and with which discs (paper 1, section 4.1).
+/* cut.h: which prefix of which node is drawn, and with which discs (paper 1, section 4.1), and
+ * which voxels are fine enough (paper 2, section 4).
  *
  * A node's surfels are a greedy permutation, and every surfel carries its spacing: the distance to
  * the nearest of the surfels before it. spacing[p] is the covering radius of the prefix of length
@@ -39,6 +40,10 @@ double pbs_cut_depth(const pbs_camera *camera, double aspect, const pbs_box *box
 /* Disc radius in the node's unit such that a disc, at its nearest, is `pixels` across. */
 double pbs_cut_wanted(const pbs_camera *camera, unsigned height, double depth, double pixels,
                       const double m[12]);
+
+/* Whether cells whose side is `side` (node's unit) are, at the nearest, at most `pixels` large. */
+bool pbs_cut_fine(const pbs_camera *camera, unsigned height, double depth, double pixels,
+                  double side, const double m[12]);
 
 /* False only if nothing within `padding` (node's unit) of the box can be in the picture. */
 bool pbs_cut_visible(const pbs_camera *camera, double aspect, const pbs_box *box, double padding,

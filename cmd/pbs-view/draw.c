@@ -1,11 +1,8 @@
-/* draw.c: the canvas, its target, and discs. Triangles are in draw_mesh.c. */
+/* draw.c: the canvas, its target, and discs. Triangles are in draw_mesh.c, cubes in draw_voxel.c.
+ */
 #include "cmd/pbs-view/draw_internal.h"
 #include "libcore/average.h"
 #include "shaders.h"
-
-enum { STREAM = 8 << 20 }; /* bytes of the buffer that records go through */
-
-#define VERSION "#version 450 core\n"
 
 /* A disc's picture has at least this half axis in pixels: it holds a pixel's centre wherever it
  * lies. */
@@ -24,12 +21,12 @@ static GLint field_word(uint32_t channels, uint32_t channel) {
 
 static pbs_code build_programs(pbs_canvas *c, pbs_err *err) {
     const pbs_gl_stage disc[2] = {
-        {GL_VERTEX_SHADER, {VERSION, shade_glsl, disc_vert_glsl}},
-        {GL_FRAGMENT_SHADER, {VERSION, shade_glsl, disc_frag_glsl}},
+        {GL_VERTEX_SHADER, {PBS_GLSL_VERSION, shade_glsl, disc_vert_glsl}},
+        {GL_FRAGMENT_SHADER, {PBS_GLSL_VERSION, shade_glsl, disc_frag_glsl}},
     };
     const pbs_gl_stage mesh[2] = {
-        {GL_VERTEX_SHADER, {VERSION, shade_glsl, mesh_vert_glsl}},
-        {GL_FRAGMENT_SHADER, {VERSION, shade_glsl, mesh_frag_glsl}},
+        {GL_VERTEX_SHADER, {PBS_GLSL_VERSION, shade_glsl, mesh_vert_glsl}},
+        {GL_FRAGMENT_SHADER, {PBS_GLSL_VERSION, shade_glsl, mesh_frag_glsl}},
     };
     pbs_code code = pbs_gl_program(c->gl, "disc", disc, 2, &c->disc, err);
     return code ? code : pbs_gl_program(c->gl, "mesh", mesh, 2, &c->mesh.program, err);
@@ -73,7 +70,7 @@ static pbs_code check_size(pbs_canvas *c, const pbs_canvas_desc *desc, pbs_err *
         return pbs_fail(err, PBS_LIMIT, "picture of %u x %u pixels: %s draws up to %u x %u",
                         c->width, c->height, c->gl->device, largest, largest);
     size_t pixels = (size_t)c->width * c->height;
-    c->counted = pixels * (8 * (size_t)c->samples + (c->samples > 1 ? 4 : 0)) + STREAM;
+    c->counted = pixels * (8 * (size_t)c->samples + (c->samples > 1 ? 4 : 0)) + PBS_CANVAS_STREAM;
     pbs_code code = pbs_mem_take(c->run, c->counted, "the canvas", err);
     if (code) c->counted = 0;
     return code;
@@ -87,7 +84,7 @@ static pbs_code build(pbs_canvas *c, const pbs_canvas_desc *desc, pbs_err *err) 
     if (code) return code;
     c->gl->CreateBuffers(1, &c->stream);
     c->gl->CreateVertexArrays(1, &c->no_vertices);
-    c->stream_at = STREAM; /* full: the first upload makes room */
+    c->stream_at = PBS_CANVAS_STREAM; /* full: the first upload makes room */
     pbs_mesh_painter_init(c);
     return pbs_gl_check(c->gl, "canvas", err);
 }
@@ -113,6 +110,7 @@ void pbs_canvas_free(pbs_canvas *c) {
     if (!c) return;
     const pbs_gl *gl = c->gl;
     pbs_mesh_painter_free(c);
+    pbs_voxel_painter_free(c);
     free_target(gl, &c->draw);
     free_target(gl, &c->resolved);
     gl->DeleteProgram(c->disc);
@@ -201,18 +199,13 @@ static void place_node(const pbs_canvas *c, const pbs_surfels *node) {
     pbs_canvas_matrix(gl, gl->GetUniformLocation(c->disc, "to_view"), 4, view, 1);
 }
 
-/* Makes room for so many bytes in the stream buffer, without a restart between them. What was
- * drawn from it before keeps its own memory: the driver gives out a new one when the buffer starts
- * again. (llvmpipe does not, but it has run the vertex shaders by then. Fragment shaders must not
- * read this buffer.) */
-static void make_room(pbs_canvas *c, size_t size) {
-    if (size <= STREAM - c->stream_at) return;
-    c->gl->NamedBufferData(c->stream, STREAM, NULL, GL_STREAM_DRAW);
+void pbs_canvas_room(pbs_canvas *c, size_t size) {
+    if (size <= PBS_CANVAS_STREAM - c->stream_at) return;
+    c->gl->NamedBufferData(c->stream, PBS_CANVAS_STREAM, NULL, GL_STREAM_DRAW);
     c->stream_at = 0;
 }
 
-/* Returns the word of the stream buffer where the bytes lie now. */
-static GLuint upload(pbs_canvas *c, const void *bytes, size_t size) {
+GLuint pbs_canvas_upload(pbs_canvas *c, const void *bytes, size_t size) {
     size_t at = c->stream_at;
     if (size) c->gl->NamedBufferSubData(c->stream, (GLintptr)at, (GLsizeiptr)size, bytes);
     c->stream_at += size;
@@ -247,17 +240,18 @@ static void draw_some(pbs_canvas *c, const pbs_surfels *node, uint32_t stride, c
     const pbs_gl *gl = c->gl;
     uint32_t blended = coarse->count > done ? coarse->count - done : 0;
     blended = blended < n ? blended : n;
-    make_room(c, (size_t)n * (stride + fine->stride) + (size_t)blended * coarse->stride);
-    GLuint first =
-        upload(c, (const uint8_t *)node->records + (size_t)done * stride, (size_t)n * stride);
+    pbs_canvas_room(c, (size_t)n * (stride + fine->stride) + (size_t)blended * coarse->stride);
+    GLuint first = pbs_canvas_upload(c, (const uint8_t *)node->records + (size_t)done * stride,
+                                     (size_t)n * stride);
     GLuint look = first;
     if (fine->first)
-        look = upload(c, fine->first + (size_t)done * fine->stride, (size_t)n * fine->stride);
+        look = pbs_canvas_upload(c, fine->first + (size_t)done * fine->stride,
+                                 (size_t)n * fine->stride);
     gl->Uniform1ui(gl->GetUniformLocation(c->disc, "first"), first);
     gl->Uniform2ui(gl->GetUniformLocation(c->disc, "fine"), look,
                    (fine->first ? fine->stride : stride) / 4);
-    look = blended ? upload(c, coarse->first + (size_t)done * coarse->stride,
-                            (size_t)blended * coarse->stride)
+    look = blended ? pbs_canvas_upload(c, coarse->first + (size_t)done * coarse->stride,
+                                       (size_t)blended * coarse->stride)
                    : 0;
     gl->Uniform3ui(gl->GetUniformLocation(c->disc, "coarse"), look, coarse->stride / 4, blended);
     gl->DrawArrays(GL_TRIANGLES, 0, (GLsizei)(3 * n));
@@ -266,7 +260,7 @@ static void draw_some(pbs_canvas *c, const pbs_surfels *node, uint32_t stride, c
 static pbs_code draw_node(pbs_canvas *c, const pbs_surfels *node, pbs_err *err) {
     const pbs_gl *gl = c->gl;
     uint32_t size = pbs_surfel_size(node->channels), stride = node->stride ? node->stride : size;
-    if (stride < size || stride % 4 || stride > STREAM / 4)
+    if (stride < size || stride % 4 || stride > PBS_CANVAS_STREAM / 4)
         return pbs_fail(err, PBS_INTERNAL, "surfel records of %u bytes, stride %u", size, stride);
     int k = node->octaves ? pbs_octave_of(node->whole, node->prefix) : 0;
     looks fine = octave_of(node, k), coarse = octave_of(node, k + 1);
@@ -276,7 +270,7 @@ static pbs_code draw_node(pbs_canvas *c, const pbs_surfels *node, pbs_err *err) 
     gl->Uniform1f(gl->GetUniformLocation(c->disc, "blend"), (float)fmin(1, fmax(0, between)));
     set_fields(gl, gl->GetUniformLocation(c->disc, "fine_field"), node->channels, fine.first);
     set_fields(gl, gl->GetUniformLocation(c->disc, "coarse_field"), node->channels, true);
-    uint32_t most = STREAM / (stride + fine.stride + coarse.stride);
+    uint32_t most = PBS_CANVAS_STREAM / (stride + fine.stride + coarse.stride);
     for (uint32_t done = 0, n; done < node->prefix; done += n) {
         n = node->prefix - done < most ? node->prefix - done : most;
         pbs_code code = pbs_run_check(c->run, err);

@@ -1,12 +1,13 @@
-/* draw.h: a canvas: surfels and triangles into a picture, by OpenGL.
+/* draw.h: a canvas: surfels, voxels and triangles into a picture, by OpenGL.
  *
  *     pbs_canvas_begin(canvas, &frame, err);
  *     pbs_canvas_surfels(canvas, nodes, count, err);      any number of times, in any order
+ *     pbs_canvas_voxels(canvas, nodes, count, err);
  *     pbs_canvas_meshes(canvas, &scene, err);
  *     pbs_canvas_end(canvas, &image, err);
  *
  * Everything passed in is borrowed for the call: the GPU's copy goes through a buffer of fixed
- * size, so a scene of any size is drawn in the same memory. Both kinds are lit by the same
+ * size, so a scene of any size is drawn in the same memory. All kinds are lit by the same
  * function (shade.glsl): their pictures can be compared. Structs may be zero-initialised; zero
  * means the default that is named.
  */
@@ -18,6 +19,7 @@
 #include "libcore/mesh.h"
 #include "libcore/record.h"
 #include "libcore/run.h"
+#include "libcore/voxel.h"
 
 typedef struct pbs_canvas pbs_canvas;
 
@@ -71,6 +73,18 @@ uint32_t pbs_surfel_size(uint32_t channels);
  * that does not fit; PBS_LIMIT. */
 pbs_code pbs_canvas_surfels(pbs_canvas *canvas, const pbs_surfels *nodes, size_t count,
                             pbs_err *err);
+
+/* A chunk of cells, as cubes. Weights and faces' own attributes are not looked at; without normals
+ * a face has its own. */
+typedef struct pbs_cubes {
+    const pbs_voxels *chunks; /* its voxels, in any number of parts */
+    size_t chunk_count;
+    double corner[3], side; /* of cell 0, 0, 0; of a cell; node's unit */
+    double m[12];           /* node to world */
+} pbs_cubes;
+
+/* Errors: PBS_LIMIT, PBS_INTERNAL. */
+pbs_code pbs_canvas_voxels(pbs_canvas *canvas, const pbs_cubes *nodes, size_t count, pbs_err *err);
 
 /* Source geometry. Two-sided; a mesh without normals is flat. Blended materials count as opaque,
  * as they do for the surfels (gbuffer.h). */

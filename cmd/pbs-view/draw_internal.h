@@ -1,8 +1,12 @@
-/* draw_internal.h: what draw.c (target, discs) and draw_mesh.c (triangles) share. */
+/* draw_internal.h: what draw.c (target, discs), draw_mesh.c (triangles) and draw_voxel.c share. */
 #ifndef PBS_DRAW_INTERNAL_H
 #define PBS_DRAW_INTERNAL_H
 
 #include "cmd/pbs-view/draw.h"
+
+#define PBS_GLSL_VERSION "#version 450 core\n"
+
+enum { PBS_CANVAS_STREAM = 8 << 20 }; /* bytes of the buffer that records go through */
 
 /* Framebuffer and its renderbuffers; 0: none. */
 typedef struct target {
@@ -27,6 +31,11 @@ typedef struct mesh_painter {
     size_t order_room, index_room, corner_room;
 } mesh_painter;
 
+/* Made when the first voxels come; 0: not yet. */
+typedef struct voxel_painter {
+    GLuint program, indices, array;
+} voxel_painter;
+
 struct pbs_canvas {
     pbs_run *run;
     const pbs_gl *gl;
@@ -39,10 +48,20 @@ struct pbs_canvas {
     GLuint disc, stream, no_vertices;
     size_t stream_at;
     mesh_painter mesh;
+    voxel_painter voxel;
 };
 
 void pbs_mesh_painter_init(pbs_canvas *c);
 void pbs_mesh_painter_free(pbs_canvas *c);
+void pbs_voxel_painter_free(pbs_canvas *c);
+
+/* Makes room for so many bytes in the stream buffer, without a restart between them. What was
+ * drawn from it before keeps its own memory: the driver gives out a new one when the buffer starts
+ * again. (llvmpipe does not, but it has run the vertex shaders by then. Fragment shaders must not
+ * read this buffer.) */
+void pbs_canvas_room(pbs_canvas *c, size_t size);
+/* Returns the word of the stream buffer where the bytes lie now. */
+GLuint pbs_canvas_upload(pbs_canvas *c, const void *bytes, size_t size);
 
 /* Makes the program current and sets what the camera determines. */
 void pbs_canvas_view_uniforms(const pbs_canvas *c, GLuint program);

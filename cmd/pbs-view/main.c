@@ -17,7 +17,8 @@ static const pbs_option table[] = {
     {'p', "prefix", PBS_COUNT, offsetof(pbs_show_options, prefix), "N",
      "surfels drawn of each node (default: what the camera needs)", 1, 4e9, NULL, false},
     {0, "surfel-size", PBS_REAL, offsetof(pbs_show_options, surfel_size), "PX",
-     "diameter of a surfel that the camera needs (default 2)", 0.25, 64, NULL, false},
+     "diameter of a surfel, side of a voxel that the camera needs (default 2)", 0.25, 64, NULL,
+     false},
     {0, "width", PBS_COUNT, offsetof(pbs_show_options, width), "PX",
      "of the picture (default 1024)", 16, 16384, NULL, false},
     {0, "height", PBS_COUNT, offsetof(pbs_show_options, height), "PX",
@@ -35,7 +36,7 @@ static const pbs_option table[] = {
 };
 
 static const pbs_tool tool = {"pbs-view",
-                              "Shows an archive, or with --geometry a scene",
+                              "Shows an archive or a stream of voxels, or with --geometry a scene",
                               "[FILE]",
                               0,
                               1,
@@ -77,6 +78,7 @@ static pbs_code work(pbs_app *app, void *opt, pbs_err *err) {
     if (!rc) {
         pbs_stat_count(app, "nodes", show.drawn_nodes);
         pbs_stat_count(app, "surfels", show.drawn_surfels);
+        pbs_stat_count(app, "voxels", show.drawn_voxels);
         pbs_stat_count(app, "triangles", show.drawn_triangles);
         if (o->geometry)
             pbs_note_skips(app, pbs_reader_name(show.scene.reader), show.scene.skipped);

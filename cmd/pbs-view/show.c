@@ -34,7 +34,7 @@ pbs_code pbs_show_open(pbs_run *run, const pbs_show_options *o, const char *path
     return rc;
 }
 
-/* ---- which surfels ---- */
+/* ---- which surfels and voxels ---- */
 
 /* A placed node whose subtree is still to be looked at. */
 typedef struct task {
@@ -47,7 +47,7 @@ typedef struct cut {
     pbs_show *show;
     const pbs_show_view *view;
     double aspect;
-    size_t count;
+    size_t count, cubes;
     task *tasks, now;
     size_t task_count, task_cap;
 } cut;
@@ -110,6 +110,40 @@ static pbs_code add_surfels(cut *c, uint32_t id, const double m[12], pbs_err *er
     return PBS_OK;
 }
 
+/* Children in the place of their parent: all of them or none, so that nothing is missing. */
+static bool has_finer(const pbs_archive *a, const pbs_node *n) {
+    for (uint32_t i = 0; i < n->child_count; i++) {
+        size_t chunks;
+        pbs_archive_voxels(a, n->children[i].node, &chunks);
+        if (!chunks) return false;
+    }
+    return n->child_count != 0;
+}
+
+/* A chunk of voxels: drawn if its cells are small enough in the picture, or there are no finer. */
+static pbs_code visit_voxels(cut *c, const pbs_node *n, const double m[12], bool *descend,
+                             pbs_err *err) {
+    pbs_show *s = c->show;
+    const pbs_show_view *v = c->view;
+    *descend = false;
+    if (!pbs_cut_visible(&v->camera, c->aspect, &n->box, 0, m)) return PBS_OK;
+    double depth = pbs_cut_depth(&v->camera, c->aspect, &n->box, m);
+    *descend = !pbs_cut_fine(&v->camera, v->height, depth, v->surfel_size, n->lattice, m) &&
+               has_finer(&s->archive, n);
+    if (*descend) return PBS_OK;
+    pbs_code rc = pbs_grow(s->run, &s->cubes, &s->cubes_cap, c->cubes + 1, sizeof *s->cubes,
+                           "the list of what is drawn", err);
+    if (rc) return rc;
+    pbs_cubes *d = &s->cubes[c->cubes++];
+    d->chunks = pbs_archive_voxels(&s->archive, n->id, &d->chunk_count);
+    memcpy(d->corner, n->origin, sizeof d->corner);
+    d->side = n->lattice;
+    memcpy(d->m, m, sizeof d->m);
+    s->drawn_nodes++;
+    s->drawn_voxels += n->records;
+    return PBS_OK;
+}
+
 /* A node with surfels stands for everything below it but what moves. */
 static pbs_code visit(void *ctx, uint32_t id, const double m[12], uint32_t flags, bool *descend,
                       pbs_err *err) {
@@ -122,13 +156,16 @@ static pbs_code visit(void *ctx, uint32_t id, const double m[12], uint32_t flags
         *descend = !moves && a->moving[id];
         return moves ? add_task(c, id, false, placed, err) : PBS_OK;
     }
+    size_t chunks;
+    pbs_archive_voxels(a, id, &chunks);
+    if (chunks) return visit_voxels(c, &a->nodes[id], placed, descend, err);
     *descend = !a->records[id] && a->placings[id];
     if (!a->records[id]) return PBS_OK;
     pbs_code rc = add_surfels(c, id, placed, err);
     return rc || !a->moving[id] ? rc : add_task(c, id, true, placed, err);
 }
 
-static pbs_code list_surfels(cut *c, pbs_err *err) {
+static pbs_code list_all(cut *c, pbs_err *err) {
     const pbs_archive *a = &c->show->archive;
     pbs_code rc = add_task(c, (uint32_t)a->node_count - 1, false, PBS_IDENTITY, err);
     while (!rc && c->task_count) {
@@ -142,8 +179,9 @@ static pbs_code list_surfels(cut *c, pbs_err *err) {
 static pbs_code draw_archive(pbs_show *s, pbs_canvas *canvas, const pbs_show_view *view,
                              pbs_err *err) {
     cut c = {.show = s, .view = view, .aspect = (double)view->width / (double)view->height};
-    pbs_code rc = list_surfels(&c, err);
-    return rc ? rc : pbs_canvas_surfels(canvas, s->list, c.count, err);
+    pbs_code rc = list_all(&c, err);
+    if (!rc) rc = pbs_canvas_surfels(canvas, s->list, c.count, err);
+    return rc ? rc : pbs_canvas_voxels(canvas, s->cubes, c.cubes, err);
 }
 
 static pbs_code draw_scene(pbs_show *s, pbs_canvas *canvas, pbs_err *err) {
@@ -161,7 +199,7 @@ pbs_show_view pbs_show_first_view(const pbs_show *s) {
 
 pbs_code pbs_show_draw(pbs_show *s, pbs_canvas *canvas, const pbs_show_view *view, pbs_err *err) {
     pbs_frame frame = {.camera = view->camera};
-    s->drawn_nodes = s->drawn_surfels = s->drawn_triangles = 0;
+    s->drawn_nodes = s->drawn_surfels = s->drawn_voxels = s->drawn_triangles = 0;
     pbs_code rc = pbs_canvas_begin(canvas, &frame, err);
     if (rc) return rc;
     return s->options->geometry ? draw_scene(s, canvas, err) : draw_archive(s, canvas, view, err);
@@ -172,6 +210,7 @@ void pbs_show_close(pbs_show *s) {
     pbs_images_free(run, s->images, s->scene.texture_count);
     pbs_free(run, s->flat.draws);
     pbs_free(run, s->list);
+    pbs_free(run, s->cubes);
     if (s->scene.run) pbs_scene_close(&s->scene);
     if (s->archive.run) pbs_archive_close(&s->archive);
     memset(s, 0, sizeof *s);

@@ -1,5 +1,5 @@
-/* show.h: what is shown: an archive, or a scene's full geometry, opened once and drawn any number
- * of times onto a canvas. */
+/* show.h: what is shown: an archive, or a stream of voxels, or a scene's full geometry, opened once
+ * and drawn any number of times onto a canvas. */
 #ifndef PBS_SHOW_H
 #define PBS_SHOW_H
 
@@ -24,9 +24,11 @@ typedef struct pbs_show {
     pbs_scene scene; /* with --geometry */
     pbs_flat flat;
     pbs_image *images;
-    uint64_t drawn_nodes, drawn_surfels, drawn_triangles; /* of the last draw */
-    pbs_surfels *list;                                    /* of the last draw */
-    size_t list_cap;
+    /* of the last draw */
+    uint64_t drawn_nodes, drawn_surfels, drawn_voxels, drawn_triangles;
+    pbs_surfels *list;
+    pbs_cubes *cubes;
+    size_t list_cap, cubes_cap;
 } pbs_show;
 
 /* options are borrowed until close. */

@@ -163,9 +163,10 @@ static pbs_code draw(window *s, pbs_err *err) {
     rc = pbs_show_draw(s->show, s->canvas, &v, err);
     if (!rc) rc = pbs_canvas_present(s->canvas, err);
     if (rc) return rc;
-    snprintf(text, sizeof text, "%s: %llu nodes, %llu surfels, %llu triangles, surfel size %.2g px",
+    snprintf(text, sizeof text,
+             "%s: %llu nodes, %llu surfels, %llu voxels, %llu triangles, surfel size %.2g px",
              s->title, (unsigned long long)s->show->drawn_nodes,
-             (unsigned long long)s->show->drawn_surfels,
+             (unsigned long long)s->show->drawn_surfels, (unsigned long long)s->show->drawn_voxels,
              (unsigned long long)s->show->drawn_triangles, s->surfel_size);
     s->f.SetWindowTitle(s->w, text);
     s->f.SwapBuffers(s->w);

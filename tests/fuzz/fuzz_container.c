@@ -12,6 +12,14 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 
 static pbs_run run = {.threads = 1, .mem_limit = 512 << 20};
 
+static uint32_t use_voxels(const pbs_voxels *v, uint32_t sum) {
+    const void *array[7] = {v->place,    v->normal,   v->weight, v->colour,
+                            v->material, v->emissive, v->face};
+    for (int i = 0; i < 7; i++)
+        if (array[i]) sum = pbs_crc32c(sum, array[i], 4 * v->count);
+    return sum;
+}
+
 /* What passes must be readable, every byte that the structs promise. */
 static void use_archive(blob b) {
     pbs_archive a;
@@ -24,8 +32,13 @@ static void use_archive(blob b) {
     pbs_code rc = pbs_archive_open(&run, path, &a, &err);
     close(fd);
     if (rc) return;
-    for (size_t i = 0; i < a.node_count; i++)
-        sum ^= pbs_crc32c(sum, a.records[i], (size_t)a.nodes[i].records * a.record.stride);
+    for (size_t i = 0; i < a.node_count; i++) {
+        size_t chunks;
+        const pbs_voxels *v = pbs_archive_voxels(&a, (uint32_t)i, &chunks);
+        if (a.records[i])
+            sum ^= pbs_crc32c(sum, a.records[i], (size_t)a.nodes[i].records * a.record.stride);
+        while (chunks--) sum ^= use_voxels(v++, sum);
+    }
     pbs_archive_close(&a);
     if (sum == 1) puts("");
 }

@@ -41,6 +41,8 @@ static __attribute__((noinline, unused)) blob copy_blob(blob b) {
     return c;
 }
 
+#include "tests/unit/voxels.h"
+
 /* ---- writing ---- */
 
 static inline pbs_writer *spool_writer(pbs_run *run, pbs_kind kind, const char *channels,
@@ -225,7 +227,34 @@ static inline blob chunks_file(pbs_run *run, uint64_t n, bool front) {
     return take_bytes(w);
 }
 
-enum { SMALL_SCENE, SMALL_CANDIDATES, SMALL_SURFELS, SMALL_ARCHIVE, SMALL_KINDS };
+/* Writes the model whole. */
+static inline blob vox_file(pbs_run *run, const vox_model *m, uint32_t channels, bool archive) {
+    char text[512];
+    uint64_t chunks = m->nodes + 1;
+    pbs_archive_text(&(pbs_record){0}, channels, text);
+    for (uint32_t i = 0; i < m->nodes; i++) chunks += vox_data_chunks(m, i, channels);
+    pbs_writer *w = spool_writer(run, archive ? PBS_ARCHIVE : PBS_VOXELS, text, archive * chunks);
+    vox_write(run, m, channels, archive, w);
+    return take_bytes(w);
+}
+
+static inline blob small_voxels(pbs_run *run, uint32_t channels, bool archive) {
+    vox_model m;
+    vox_small(&m);
+    blob b = vox_file(run, &m, channels, archive);
+    vox_free(&m);
+    return b;
+}
+
+enum {
+    SMALL_SCENE,
+    SMALL_CANDIDATES,
+    SMALL_SURFELS,
+    SMALL_ARCHIVE,
+    SMALL_VOXELS,
+    SMALL_VOXEL_ARCHIVE,
+    SMALL_KINDS
+};
 static inline blob small_file(pbs_run *run, int which) {
     const uint32_t some = PBS_POSITION | PBS_NORMAL | PBS_COLOUR;
     switch (which) {
@@ -235,6 +264,11 @@ static inline blob small_file(pbs_run *run, int which) {
         return small_stream(run, PBS_CANDIDATES, some | PBS_EMISSIVE);
     case SMALL_SURFELS:
         return small_stream(run, PBS_SURFELS, some | PBS_SPACING | PBS_MATERIAL);
+    case SMALL_VOXELS:
+        return small_voxels(run, PBS_POSITION | PBS_NORMAL | PBS_WEIGHT | PBS_COLOUR | PBS_FACE,
+                            false);
+    case SMALL_VOXEL_ARCHIVE:
+        return small_voxels(run, PBS_POSITION | PBS_NORMAL | PBS_MATERIAL | PBS_EMISSIVE, true);
     default:
         return small_archive(run, some);
     }

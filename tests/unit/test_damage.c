@@ -8,7 +8,8 @@ static pbs_err err;
 
 /* ---- damage ---- */
 
-static const char *const small_name[SMALL_KINDS] = {"scene", "candidates", "surfels", "archive"};
+static const char *const small_name[SMALL_KINDS] = {"scene",   "candidates", "surfels",
+                                                    "archive", "voxels",     "archive of voxels"};
 
 TEST(small_files_are_whole) {
     for (int k = 0; k < SMALL_KINDS; k++) {

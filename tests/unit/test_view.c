@@ -244,4 +244,33 @@ TEST(wanted_radius_projects_to_pixels) {
     }
 }
 
+/* A cell that counts as fine is at most so many pixels large wherever it is in the box, and one
+ * that is much smaller counts. */
+TEST(fine_cells_are_small_in_the_picture) {
+    const unsigned height = 768;
+    int fine = 0;
+    for (int i = 0; i < 20000; i++) {
+        pbs_box box = random_box(1, 2);
+        pbs_camera c = random_camera(&box, 1.5);
+        double scale = exp(uniform(-8, 8)), m[12] = {scale, 0, 0, 0, 0, scale, 0, 0, 0, 0, scale};
+        pbs_box world = pbs_xform_box(m, &box);
+        pbs_camera_frame(&c, &world, &(pbs_camera_desc){.aspect = 1.5});
+        double side = exp(uniform(-9, -2)), pixels = uniform(0.5, 8), view[12], p[3], far;
+        double depth = pbs_cut_depth(&c, 1.5, &box, m);
+        bool is = pbs_cut_fine(&c, height, depth, pixels, side, m);
+        fine += is;
+        pbs_camera_place(view, &c, m);
+        for (int k = 0; k < 3; k++) p[k] = uniform(box.min[k], box.max[k]);
+        pbs_xform_point(p, view, p);
+        /* A pixel at distance 1 is so large; the scale takes cells to view coordinates. */
+        far = scale / c.unit * side / (-p[2] * pbs_camera_pixel(&c, height));
+        if (is) CHECK_NUM(far <= pixels * (1 + 1e-9), far / pixels);
+        CHECK(!is || pbs_cut_fine(&c, height, depth, pixels, side / 2, m));
+        CHECK(!is || pbs_cut_fine(&c, height, depth, pixels * 2, side * 2, m));
+        if (scale / c.unit * side <= 0.99 * pixels * depth * pbs_camera_pixel(&c, height))
+            CHECK(is);
+    }
+    CHECK(fine > 2000 && fine < 18000);
+}
+
 TEST_MAIN

@@ -1,0 +1,341 @@
+/* pbs-voxelize: a scene's surface as voxels (paper 2, section 3). */
+#include "cmd/notes.h"
+#include "cmd/tool.h"
+#include "formats/blocks.h"
+#include "formats/voxelstream.h"
+#include "libcore/pipe.h"
+#include <string.h>
+
+typedef struct options {
+    uint64_t resolution;
+    const char *box;
+    int orientation, per_face;
+    bool conservative, separating, bare, interior, ignore_missing, keep_going;
+} options;
+
+static const char *const orientation_names[] = {"auto", "trust", "unknown", NULL};
+static const char *const per_face_names[] = {"none", "material", "colour", NULL};
+
+static const pbs_option table[] = {
+    {'r', "resolution", PBS_COUNT, offsetof(options, resolution), "N",
+     "voxels along each axis of the cube (default 1024)", 1, PBS_GRID_MAX, NULL, true},
+    {'b', "box", PBS_TEXT, offsetof(options, box), "X,Y,Z,SIDE",
+     "lower corner and side of the cube (default: around the scene)", 0, 0, NULL, true},
+    {0, "conservative", PBS_FLAG, offsetof(options, conservative), NULL,
+     "keep every voxel that a triangle touches", 0, 0, NULL, true},
+    {0, "separating", PBS_FLAG, offsetof(options, separating), NULL,
+     "keep the six-separating set alone, without parts thinner than a voxel", 0, 0, NULL, true},
+    {0, "bare", PBS_FLAG, offsetof(options, bare), NULL,
+     "positions and faces of the six-separating set, no attributes", 0, 0, NULL, true},
+    {0, "interior", PBS_FLAG, offsetof(options, interior), NULL,
+     "faces that look inwards, too: the viewer may be inside", 0, 0, NULL, true},
+    {0, "orientation", PBS_CHOICE, offsetof(options, orientation), "WHICH",
+     "which side of a triangle is outside", 0, 0, orientation_names, true},
+    {0, "per-face", PBS_CHOICE, offsetof(options, per_face), "WHAT",
+     "an attribute for each face of a voxel", 0, 0, per_face_names, true},
+    {0, "ignore-missing", PBS_FLAG, offsetof(options, ignore_missing), NULL,
+     "go on without textures that are not there", 0, 0, NULL, true},
+    {0, "keep-going", PBS_FLAG, offsetof(options, keep_going), NULL,
+     "leave out what fails, and end with status 65", 0, 0, NULL, true},
+};
+
+static const pbs_tool tool = {"pbs-voxelize", "Turns a scene's surface into voxels", "[FILE]", 0, 1,
+                              table,          sizeof table / sizeof table[0],        false};
+
+typedef struct item {
+    uint32_t at[3];
+    pbs_nearby *near;
+    pbs_voxels voxels;
+    size_t cap;
+    uint32_t *faces;
+    size_t face_count, face_cap;
+    pbs_block_stats stats;
+} item;
+
+typedef struct job {
+    pbs_app *app;
+    const options *o;
+    pbs_failures failures;
+    pbs_scene scene;
+    uint64_t triangles, singular;
+    pbs_grid grid;
+    pbs_image *images;
+    pbs_surfaces *surfaces;
+    pbs_block_params params;
+    pbs_blocks *blocks;
+    pbs_block **block; /* one a thread */
+    item *items;
+    int threads, item_count;
+    pbs_writer *w;
+    uint32_t channels;
+    pbs_voxelstream stream;
+    pbs_block_stats total;
+    uint64_t block_count;
+} job;
+
+/* ---- source | work | sink ---- */
+
+static pbs_code next_block(void *ctx, void *slot, bool *end, pbs_err *err) {
+    job *j = ctx;
+    item *i = slot;
+    return pbs_blocks_next(j->blocks, i->at, &i->near, end, err);
+}
+
+/* What a block gives is its own until it begins anew, so it is copied. */
+static pbs_code keep(job *j, item *i, const pbs_voxels *v, const uint32_t *faces, size_t n,
+                     pbs_err *err) {
+    pbs_run *run = &j->app->run;
+    pbs_code rc = pbs_voxels_grow(run, j->channels, &i->voxels, &i->cap, v->count, err);
+    if (!rc)
+        rc = pbs_grow(run, &i->faces, &i->face_cap, n, sizeof *i->faces, "the attributes of faces",
+                      err);
+    if (rc) return rc;
+    i->voxels.count = 0;
+    pbs_voxels_append(&i->voxels, v, 0, v->count);
+    if (n) memcpy(i->faces, faces, n * sizeof *faces);
+    i->face_count = n;
+    return PBS_OK;
+}
+
+static pbs_code fill_block(void *ctx, void *slot, int thread, pbs_err *err) {
+    job *j = ctx;
+    item *i = slot;
+    pbs_block *b = j->block[thread];
+    pbs_voxels v;
+    const uint32_t *faces;
+    size_t n;
+    pbs_block_begin(b, i->at, j->grid.size);
+    pbs_code rc = pbs_nearby_add(i->near, b, err);
+    if (!rc) rc = pbs_block_end(b, &v, &faces, &n, &i->stats, err);
+    pbs_nearby_free(i->near);
+    i->near = NULL;
+    return rc ? rc : keep(j, i, &v, faces, n, err);
+}
+
+static void add_up(pbs_block_stats *sum, const pbs_block_stats *s) {
+    sum->triangles += s->triangles;
+    sum->fragments += s->fragments;
+    sum->touched += s->touched;
+    sum->orphans += s->orphans;
+    sum->area += s->area;
+    sum->kept += s->kept;
+}
+
+/* Blocks come in Morton order, so their numbers say how far we are. */
+static uint64_t morton(const uint32_t at[3]) {
+    uint64_t code = 0;
+    for (int b = 0; b < 16; b++)
+        for (int k = 0; k < 3; k++) code |= (uint64_t)(at[k] / PBS_BLOCK >> b & 1) << (3 * b + k);
+    return code;
+}
+
+static pbs_code take_block(void *ctx, void *slot, pbs_err *err) {
+    job *j = ctx;
+    item *i = slot;
+    uint64_t side = UINT64_C(1) << pbs_voxel_levels(j->grid.size);
+    add_up(&j->total, &i->stats);
+    j->block_count += i->voxels.count > 0;
+    pbs_run_progress(&j->app->run, "voxelizing", morton(i->at), side * side * side * 64);
+    return pbs_voxelstream_add(&j->stream, i->at, &i->voxels, i->faces, i->face_count, err);
+}
+
+static pbs_code run_blocks(job *j, pbs_err *err) {
+    pbs_pipe pipe = {j,        next_block,         fill_block,   take_block,
+                     j->items, sizeof j->items[0], j->item_count};
+    return pbs_pipe_run(&j->app->run, &pipe, err);
+}
+
+/* ---- the grid ---- */
+
+static pbs_code bad_box(const job *j, pbs_err *err) {
+    return pbs_fail(err, PBS_USAGE,
+                    "--box %s: expected the lower corner and the side of a cube, X,Y,Z,SIDE",
+                    j->o->box);
+}
+
+static pbs_code parse_box(job *j, pbs_err *err) {
+    double v[4];
+    char number[64];
+    const char *p = j->o->box;
+    for (int k = 0; k < 4; k++) {
+        size_t n = strcspn(p, ",");
+        if (n >= sizeof number || (k < 3) != (p[n] == ',')) return bad_box(j, err);
+        memcpy(number, p, n);
+        number[n] = 0;
+        if (pbs_cli_number(number, PBS_REAL, &v[k], NULL)) return bad_box(j, err);
+        p += n + (k < 3);
+    }
+    j->grid.voxel = v[3] / j->grid.size;
+    if (!(j->grid.voxel > 0)) return bad_box(j, err);
+    memcpy(j->grid.min, v, sizeof j->grid.min);
+    return PBS_OK;
+}
+
+static pbs_code choose_grid(job *j, pbs_err *err) {
+    pbs_box box;
+    pbs_code rc = pbs_scene_box(&j->scene, &box, &j->triangles, &j->singular, err);
+    if (rc) return rc;
+    uint32_t size = (uint32_t)j->o->resolution;
+    j->grid = pbs_grid_around(&box, size);
+    if (j->o->box) return parse_box(j, err);
+    if (!(j->grid.voxel < INFINITY) || !(j->grid.voxel > 0))
+        return pbs_fail(err, PBS_DATA, "%s: the scene is too large or too small for a grid",
+                        pbs_reader_name(j->scene.reader));
+    return PBS_OK;
+}
+
+/* ---- the parts of the job ---- */
+
+static pbs_code set_up_params(job *j, pbs_err *err) {
+    const options *o = j->o;
+    const uint32_t looks = PBS_COLOUR | PBS_MATERIAL | PBS_EMISSIVE;
+    pbs_block_params *p = &j->params;
+    if (o->conservative + o->separating + o->bare > 1)
+        return pbs_fail(err, PBS_USAGE,
+                        "only one of --conservative, --separating and --bare can be given");
+    if (o->bare && o->per_face)
+        return pbs_fail(err, PBS_USAGE, "--per-face: there are no attributes with --bare");
+    p->channels = o->bare ? 0 : PBS_NORMAL | PBS_WEIGHT | (j->scene.channels & looks);
+    p->cells = o->conservative            ? PBS_CELLS_CONSERVATIVE
+               : o->separating || o->bare ? PBS_CELLS_SEPARATING
+                                          : PBS_CELLS_THIN;
+    p->per_face = (pbs_per_face)o->per_face;
+    p->interior = o->interior;
+    j->channels = PBS_POSITION | p->channels | (o->per_face ? PBS_FACE : 0);
+    uint32_t shown = p->channels | (o->per_face == PBS_PER_FACE_COLOUR ? PBS_COLOUR : 0);
+    pbs_code rc = o->bare ? PBS_OK : pbs_scene_images(&j->scene, &j->images, err);
+    if (!rc)
+        rc = pbs_surfaces_new(&j->app->run, j->scene.materials, j->scene.material_count, j->images,
+                              j->images ? j->scene.texture_count : 0, shown & looks, &j->surfaces,
+                              err);
+    p->surfaces = j->surfaces;
+    return rc;
+}
+
+static pbs_code set_up_blocks(job *j, pbs_err *err) {
+    pbs_run *run = &j->app->run;
+    size_t lists = pbs_mem_left(run) / 8;
+    if (lists > 16 << 20) lists = 16 << 20;
+    if (lists < 1 << 20) lists = 1 << 20;
+    j->threads = run->threads;
+    j->item_count = 2 * run->threads;
+    pbs_code rc =
+        pbs_blocks_new(&j->scene, &j->grid, (pbs_orient)j->o->orientation, lists, &j->blocks, err);
+    if (!rc)
+        rc = pbs_alloc(run, &j->block, (size_t)j->threads, sizeof *j->block, "the blocks", err);
+    if (rc) return rc;
+    memset(j->block, 0, (size_t)j->threads * sizeof *j->block);
+    for (int i = 0; i < j->threads && !rc; i++)
+        rc = pbs_block_new(run, &j->params, &j->block[i], err);
+    if (!rc)
+        rc = pbs_alloc(run, &j->items, (size_t)j->item_count, sizeof *j->items, "the blocks", err);
+    if (!rc) memset(j->items, 0, (size_t)j->item_count * sizeof *j->items);
+    return rc;
+}
+
+static pbs_code open_writer(job *j, pbs_err *err) {
+    char channels[256];
+    pbs_voxels_text(j->channels, channels);
+    pbs_code rc = pbs_writer_open(&j->app->run,
+                                  &(pbs_writer_desc){.path = j->app->common.output,
+                                                     .kind = PBS_VOXELS,
+                                                     .channels = channels,
+                                                     .history = pbs_scene_history(&j->scene),
+                                                     .stage = j->app->stage},
+                                  &j->w, err);
+    if (!rc)
+        pbs_voxelstream_begin(&j->stream, &j->app->run, j->w, &j->grid, j->channels,
+                              j->o->per_face == PBS_PER_FACE_COLOUR);
+    return rc;
+}
+
+/* Ids of materials say nothing without their list. */
+static pbs_code copy_materials(job *j, pbs_err *err) {
+    return j->o->per_face == PBS_PER_FACE_MATERIAL ? pbs_scene_copy_materials(&j->scene, j->w, err)
+                                                   : PBS_OK;
+}
+
+static pbs_code end_stream(job *j, pbs_err *err) {
+    char title[512];
+    pbs_scene_title(&j->scene, title, sizeof title);
+    pbs_code rc = pbs_voxelstream_end(&j->stream, title, j->triangles, err);
+    if (!rc && !j->stream.voxels)
+        rc = pbs_fail(err, PBS_DATA, "%s: no voxel is touched: nothing of the scene is in the cube",
+                      pbs_reader_name(j->scene.reader));
+    return rc ? rc : pbs_writer_commit(j->w, err);
+}
+
+static void add_stats(job *j) {
+    pbs_app *app = j->app;
+    char channels[256];
+    const char *name = pbs_reader_name(j->scene.reader);
+    pbs_blocks_stats parts = pbs_blocks_totals(j->blocks);
+    pbs_stat_count(app, "triangles", j->triangles);
+    pbs_stat_count(app, "triangles_visited", j->total.triangles);
+    pbs_stat_count(app, "blocks", j->block_count);
+    pbs_stat_count(app, "chunks", j->stream.child_count);
+    pbs_stat_count(app, "voxels", j->stream.voxels);
+    if (!j->o->bare) {
+        pbs_stat_count(app, "fragments", j->total.fragments);
+        pbs_stat_count(app, "touched", j->total.touched);
+        pbs_stat_count(app, "orphans", j->total.orphans);
+        pbs_stat_real(app, "area", j->total.area * j->grid.voxel * j->grid.voxel);
+        pbs_stat_real(app, "area_kept", j->total.kept * j->grid.voxel * j->grid.voxel);
+    }
+    pbs_stat_count(app, "resolution", j->grid.size);
+    pbs_stat_real(app, "voxel", j->grid.voxel);
+    pbs_stat_count(app, "parts_oriented", parts.parts_known);
+    pbs_stat_count(app, "parts_turned", parts.parts_turned);
+    pbs_stat_count(app, "parts_unoriented", parts.parts_unknown);
+    pbs_voxels_text(j->channels, channels);
+    pbs_stat_record(app, channels, pbs_voxels_stride(j->channels));
+    pbs_stat_count(app, "bytes", pbs_writer_bytes(j->w));
+    pbs_note_skips(app, name, j->scene.skipped);
+    if (j->singular)
+        pbs_note(app, "%s: %llu placings have a transform that cannot be inverted", name,
+                 (unsigned long long)j->singular);
+}
+
+static void clean_up(job *j) {
+    pbs_run *run = &j->app->run;
+    for (int i = 0; j->items && i < j->item_count; i++) {
+        pbs_nearby_free(j->items[i].near);
+        pbs_voxels_free(run, &j->items[i].voxels);
+        pbs_free(run, j->items[i].faces);
+    }
+    for (int i = 0; j->block && i < j->threads; i++) pbs_block_free(j->block[i]);
+    pbs_free(run, j->items);
+    pbs_free(run, j->block);
+    pbs_voxelstream_free(&j->stream);
+    pbs_writer_close(j->w);
+    pbs_blocks_free(j->blocks);
+    pbs_surfaces_free(run, j->surfaces);
+    pbs_images_free(run, j->images, j->scene.texture_count);
+    pbs_scene_close(&j->scene);
+}
+
+static pbs_code work(pbs_app *app, void *opt, pbs_err *err) {
+    job j = {.app = app, .o = opt, .failures = {app, 0}};
+    pbs_scene_options so = PBS_SCENE_DEFAULTS;
+    so.ignore_missing = j.o->ignore_missing;
+    so.failed = j.o->keep_going ? pbs_note_failure : NULL;
+    so.failed_ctx = &j.failures;
+    pbs_code rc = pbs_scene_open(&app->run, pbs_operand(app, 0), &so, &j.scene, err);
+    if (rc) return rc;
+    rc = choose_grid(&j, err);
+    if (!rc) rc = set_up_params(&j, err);
+    if (!rc) rc = set_up_blocks(&j, err);
+    if (!rc) rc = open_writer(&j, err);
+    if (!rc) rc = copy_materials(&j, err);
+    if (!rc) rc = run_blocks(&j, err);
+    if (!rc) rc = end_stream(&j, err);
+    if (!rc) add_stats(&j);
+    if (!rc) rc = pbs_failures_end(&j.failures, err);
+    clean_up(&j);
+    return rc;
+}
+
+int main(int argc, char **argv) {
+    options o = {.resolution = 1024};
+    return pbs_tool_main(argc, argv, &tool, &o, work);
+}

@@ -1,0 +1,265 @@
+/* Voxels on the canvas: against the same faces as triangles, and what masks, normals and sides do.
+ * Needs a GL (Mesa's software will do). */
+#include "cmd/pbs-view/draw.h"
+#include "libcore/metrics.h"
+#include "tests/unit/support.h"
+#include "tests/check.h"
+
+enum { SIDE = 160 };
+
+static pbs_run run = {.threads = 1};
+static pbs_gl gl;
+static pbs_gl_context *context;
+static pbs_canvas *canvas;
+static pbs_err err;
+
+/* A context costs more than all pictures here: one for all tests. */
+static bool no_gl(void) {
+    static pbs_code code = -1;
+    if ((int)code == -1) {
+        code = pbs_gl_context_new("sw", &context, &gl, &err);
+        if (!code)
+            code = pbs_canvas_new(&run, &gl, &(pbs_canvas_desc){SIDE, SIDE, 0}, &canvas, &err);
+    }
+    return code != PBS_OK;
+}
+
+static const pbs_box UNIT = {{-1, -1, -1}, {1, 1, 1}};
+
+static pbs_frame frame_of(const double m[12]) {
+    pbs_frame f = {0};
+    pbs_box b = pbs_xform_box(m, &UNIT);
+    pbs_camera_frame(&f.camera, &b, &(pbs_camera_desc){0});
+    return f;
+}
+
+static pbs_image shot(const pbs_frame *f, const pbs_cubes *v, const pbs_meshes *m) {
+    pbs_image image = {0};
+    if (pbs_canvas_begin(canvas, f, &err) || (v && pbs_canvas_voxels(canvas, v, 1, &err)) ||
+        (m && pbs_canvas_meshes(canvas, m, &err)) || pbs_canvas_end(canvas, &image, &err)) {
+        printf("# %s\n", err.text);
+        pbs_bad++;
+        image = (pbs_image){SIDE, SIDE, calloc(SIDE * SIDE, 4)};
+    }
+    return image;
+}
+
+static double covered(const pbs_image *i) {
+    double sum = 0;
+    for (size_t p = 0; p < SIDE * SIDE; p++) sum += i->rgba[4 * p + 3] / 255.0;
+    return sum;
+}
+
+static const double lens[][12] = {
+    {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0},          {-1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0},
+    {1, 0.8, 0, 0, 0, 1, 0, 3, 0.4, 0, 1, 0},      {1, 0, 0, 1e7, 0, 1, 0, -1e7, 0, 0, 1, 0},
+    {1e-9, 0, 0, 0, 0, 1e-9, 0, 0, 0, 0, 1e-9, 0}, {1e25, 0, 0, 0, 0, 1e25, 0, 0, 0, 0, 1e25, 0},
+};
+enum { LENSES = sizeof lens / sizeof lens[0] };
+
+/* ---- a sphere's voxels, as cubes and as triangles ---- */
+
+typedef struct sphere {
+    vox_model m;
+    pbs_voxels v;
+    pbs_cubes cubes;
+} sphere;
+
+static void make_sphere(sphere *s, uint32_t size, uint32_t channels) {
+    vox_sphere(&s->m, size);
+    must(pbs_voxels_alloc(&run, channels, s->m.count[0], &s->v, &err), &err);
+    for (uint32_t i = 0; i < s->m.count[0]; i++) {
+        const vox_cell *c = &s->m.cell[0][i];
+        s->v.place[i] = pbs_unmorton8((uint32_t)c->code) | c->faces << 24;
+        if (s->v.normal) s->v.normal[i] = pbs_normal10_put(c->normal);
+        if (s->v.colour) s->v.colour[i] = 0xff3c78b4;
+    }
+    s->cubes = (pbs_cubes){&s->v, 1, {-1, -1, -1}, 2.0 / size, {0}};
+    memcpy(s->cubes.m, PBS_IDENTITY, sizeof s->cubes.m);
+}
+
+static void free_sphere(sphere *s) {
+    pbs_voxels_free(&run, &s->v);
+    vox_free(&s->m);
+}
+
+/* Every face in every mask, without normals, which makes them flat. */
+static pbs_mesh faces_of(const sphere *s) {
+    uint32_t most = 6 * (uint32_t)s->v.count, n = 0;
+    float(*p)[3] = malloc(4 * most * sizeof *p);
+    uint16_t(*index)[3] = malloc(2 * most * sizeof *index);
+    for (size_t i = 0; i < s->v.count; i++)
+        for (uint32_t f = 0; f < 6; f++) {
+            if (!(s->v.place[i] >> 24 >> f & 1)) continue;
+            uint32_t k = f / 2, a = (k + 1) % 3, b = (k + 2) % 3;
+            for (uint32_t j = 0; j < 4; j++) {
+                uint32_t at[3] = {s->v.place[i] & 255, s->v.place[i] >> 8 & 255,
+                                  s->v.place[i] >> 16 & 255};
+                at[k] += f & 1, at[a] += j & 1, at[b] += j >> 1;
+                for (int c = 0; c < 3; c++)
+                    p[4 * n + j][c] = (float)(at[c] * s->cubes.side + s->cubes.corner[c]);
+            }
+            const uint16_t v = (uint16_t)(4 * n);
+            memcpy(index[2 * n], (uint16_t[6]){v, v + 1, v + 2, v + 1, v + 3, v + 2}, 12);
+            n++;
+        }
+    if (4 * n > 65536) abort();
+    return (pbs_mesh){.vertices = 4 * n,
+                      .triangles = 2 * n,
+                      .position = p[0],
+                      .index = index[0],
+                      .material = PBS_NONE};
+}
+
+/* Seen from outside, cubes of three faces and all faces in the masks are one picture. */
+TEST(cubes_are_their_faces) {
+    if (no_gl()) SKIP(err.text);
+    sphere s;
+    make_sphere(&s, 32, PBS_POSITION);
+    pbs_mesh mesh = faces_of(&s);
+    pbs_draw draw = {.mesh = &mesh};
+    pbs_meshes scene = {.draws = &draw, .draw_count = 1};
+    for (int i = 0; i < LENSES; i++) {
+        pbs_picture_error e;
+        pbs_frame f = frame_of(lens[i]);
+        memcpy(draw.m, lens[i], sizeof draw.m);
+        memcpy(s.cubes.m, lens[i], sizeof draw.m);
+        pbs_image a = shot(&f, &s.cubes, NULL), b = shot(&f, NULL, &scene);
+        CHECK(pbs_picture_compare(&run, &a, &b, &e, &err) == PBS_OK);
+        CHECK_NUM(e.ssim > 0.999, e.ssim);
+        CHECK_NUM(e.hole < 1e-4 && e.spill < 1e-4, e.hole);
+        CHECK_NUM(covered(&a) > 0.1 * SIDE * SIDE, covered(&a));
+        pbs_free(&run, a.rgba), pbs_free(&run, b.rgba);
+    }
+    free((void *)mesh.position), free((void *)mesh.index);
+    free_sphere(&s);
+}
+
+/* With normals it looks like the surface, and in parts of any size like the whole. */
+TEST(normals_and_parts) {
+    if (no_gl()) SKIP(err.text);
+    sphere s;
+    make_sphere(&s, 256, PBS_POSITION | PBS_NORMAL | PBS_COLOUR);
+    pbs_frame f = frame_of(PBS_IDENTITY);
+    pbs_image a = shot(&f, &s.cubes, NULL);
+    for (size_t part = 3001; part <= 200000; part *= 9) {
+        size_t n = (s.v.count + part - 1) / part;
+        pbs_voxels *some = malloc(n * sizeof *some);
+        for (size_t i = 0; i < n; i++)
+            some[i] = (pbs_voxels){.count = i + 1 < n ? part : s.v.count - i * part,
+                                   .place = s.v.place + i * part,
+                                   .normal = s.v.normal + i * part,
+                                   .colour = s.v.colour + i * part};
+        pbs_cubes parts = s.cubes;
+        parts.chunks = some, parts.chunk_count = n;
+        pbs_image b = shot(&f, &parts, NULL);
+        CHECK(!memcmp(a.rgba, b.rgba, (size_t)4 * SIDE * SIDE));
+        pbs_free(&run, b.rgba);
+        free(some);
+    }
+    /* The outline of a sphere of that radius, and up to a voxel more. */
+    double pixel = pbs_camera_pixel(&f.camera, SIDE), sine = 0.96 / f.camera.unit;
+    double area = 3.14159265 * sine * sine / (1 - sine * sine) / (pixel * pixel);
+    CHECK_NUM(covered(&a) > area && covered(&a) < 1.03 * area, covered(&a) / area);
+    pbs_free(&run, a.rgba);
+    free_sphere(&s);
+}
+
+/* ---- one voxel ---- */
+
+static pbs_image shot_one(uint32_t flags, const float *n, const double m[12], const double eye[3]) {
+    uint32_t place = PBS_PLACE(0, 0, 0, flags), normal = n ? pbs_normal10_put(n) : 0;
+    pbs_voxels v = {.count = 1, .place = &place, .normal = n ? &normal : NULL};
+    pbs_cubes cubes = {&v, 1, {-1, -1, -1}, 2, {0}};
+    pbs_frame f = {0};
+    pbs_box b = pbs_xform_box(m, &UNIT);
+    memcpy(cubes.m, m, sizeof cubes.m);
+    pbs_camera_desc d = {.toward_eye = {eye[0], eye[1], eye[2]}};
+    pbs_camera_frame(&f.camera, &b, &d);
+    return shot(&f, &cubes, NULL);
+}
+
+/* Each face covers what it should: seen from its own side only, three together what all do. */
+TEST(masks) {
+    if (no_gl()) SKIP(err.text);
+    for (int octant = 0; octant < 8; octant++) {
+        double eye[3], area = 0;
+        uint32_t toward = 0;
+        for (int k = 0; k < 3; k++) {
+            eye[k] = octant >> k & 1 ? 1 : -1;
+            toward |= 1u << (2 * k + (octant >> k & 1));
+        }
+        for (uint32_t f = 0; f < 6; f++) {
+            pbs_image i = shot_one(1u << f, NULL, PBS_IDENTITY, eye);
+            CHECK((covered(&i) > 100) == (toward >> f & 1));
+            area += covered(&i);
+            pbs_free(&run, i.rgba);
+        }
+        pbs_image all = shot_one(PBS_FACES_ALL, NULL, PBS_IDENTITY, eye);
+        CHECK_NUM(fabs(area - covered(&all)) < 20, area - covered(&all));
+        pbs_free(&run, all.rgba);
+        all = shot_one(PBS_FACES_ALL & ~toward, NULL, PBS_IDENTITY, eye);
+        CHECK(covered(&all) == 0);
+        pbs_free(&run, all.rgba);
+    }
+}
+
+static int brightness(uint32_t flags, const float *n, const double m[12]) {
+    pbs_image i = shot_one(flags, n, m, (const double[3]){0, 0, 1});
+    int green = i.rgba[4 * (SIDE / 2 * SIDE + SIDE / 2) + 1];
+    pbs_free(&run, i.rgba);
+    return green;
+}
+
+/* A normal that looks away is turned if the voxel has two sides, and else only to the horizon; the
+ * same in a mirror. Without one, or with none of its own, a face has its own. */
+TEST(sides) {
+    if (no_gl()) SKIP(err.text);
+    const float to[3] = {0, 0, 1}, away[3] = {0, 0, -1}, slanted[3] = {0.3f, 0.4f, -0.2f};
+    for (int i = 0; i < 2; i++) {
+        const double *m = lens[i];
+        int lit = brightness(PBS_FACE_Z1, to, m);
+        CHECK_NUM(lit == brightness(PBS_FACE_Z1, NULL, m), lit);
+        CHECK(lit == brightness(PBS_FACE_Z1 | PBS_VOXEL_TWO_SIDED, away, m));
+        int edge = brightness(PBS_FACE_Z1, slanted, m);
+        CHECK_NUM(edge != brightness(PBS_FACE_Z1 | PBS_VOXEL_TWO_SIDED, slanted, m), edge);
+        const float horizon[3] = {0.3f, 0.4f, 0.01f};
+        CHECK_NUM(abs(edge - brightness(PBS_FACE_Z1, horizon, m)) < 6, edge);
+    }
+    uint32_t place = PBS_PLACE(0, 0, 0, PBS_FACES_ALL), none = 0;
+    pbs_voxels v = {.count = 1, .place = &place, .normal = &none}, w = v;
+    w.normal = NULL;
+    pbs_cubes a = {&v, 1, {-1, -1, -1}, 2, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}}, b = a;
+    b.chunks = &w;
+    pbs_frame f = frame_of(PBS_IDENTITY);
+    pbs_image one = shot(&f, &a, NULL), other = shot(&f, &b, NULL);
+    CHECK(!memcmp(one.rgba, other.rgba, (size_t)4 * SIDE * SIDE));
+    pbs_free(&run, one.rgba), pbs_free(&run, other.rgba);
+}
+
+/* Inside of a voxel, in line with its faces, pressed flat, and none at all. */
+TEST(odd_places) {
+    if (no_gl()) SKIP(err.text);
+    const double flat[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0}, nothing[12] = {0};
+    const double *m[] = {PBS_IDENTITY, flat, nothing};
+    for (int i = 0; i < 3; i++) {
+        uint32_t place = PBS_PLACE(0, 0, 0, PBS_FACES_ALL);
+        pbs_voxels v = {.count = 1, .place = &place}, empty = {.place = &place};
+        pbs_cubes cubes = {&v, 1, {-1, -1, -1}, 2, {0}};
+        memcpy(cubes.m, m[i], sizeof cubes.m);
+        const char *eyes[] = {"0,0,0,0,0,1", "3,1,0,0,1,0", "1,1,1,0,0,0"};
+        for (int e = 0; e < 3; e++) {
+            pbs_frame f = {0};
+            must(pbs_camera_parse(&f.camera, eyes[e], &err), &err);
+            pbs_image image = shot(&f, &cubes, NULL);
+            CHECK(e || covered(&image) == 0); /* from inside no face looks at the eye */
+            pbs_free(&run, image.rgba);
+            cubes.chunks = e ? &empty : &v;
+        }
+    }
+    pbs_canvas_free(canvas);
+    pbs_gl_context_free(context);
+    CHECK(pbs_mem_used(&run) == 0);
+}
+
+TEST_MAIN
