@@ -210,7 +210,7 @@ const char *pbs_points_fault(const pbs_points *p, size_t first) {
 pbs_code pbs_points_read(const char *place, const pbs_record *r, const pbs_chunk *c, pbs_points *p,
                          const pbs_lattice *lattice, pbs_err *err) {
     pbs_code rc = pbs_points_fit(place, r, c, p->count, err);
-    if (rc) return rc;
+    if (rc || !c->count) return rc;
     const uint8_t *from = c->payload;
     if (r->packed) unpack_lattice(r, from, c->count, p, lattice);
     for (size_t i = 0; i < CHANNELS; i++) {
