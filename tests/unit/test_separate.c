@@ -301,6 +301,9 @@ TEST(slivers_at_middles) {
             t[i].p[c][u] = snap(m[0] + at_c * cos(angle) + uniform(-3, 3) * STEP, STEP);
             t[i].p[c][v] = snap(m[1] + at_c * sin(angle) + uniform(-3, 3) * STEP, STEP);
             t[i].p[c][a] = snap(32 + uniform(-deep, deep), STEP);
+            /* Some have a whole depth at the middle. */
+            if (i % 7 < 3 && l < 100)
+                t[i].p[c][a] = 32 + 2 * (t[i].p[c][u] - m[0]) + (m[1] - t[i].p[c][v]);
         }
     }
     CHECK(compare(t, N) > N / 8);
@@ -325,6 +328,7 @@ TEST(edges_next_to_middles) {
         int a = i % 3, u = (a + 1) % 3, v = (a + 2) % 3;
         double m[2] = {floor(uniform(4, 60)) + 0.5, floor(uniform(4, 60)) + 0.5};
         double k = floor(uniform(1, 63)), side = i % 8 < 4 ? 1 : -1;
+        if (i % 7 == 0) side = 0; /* the middle is a corner, and the area 2^-65 */
         const double x[3] = {(double)x1, (double)x2, -side * (double)(y1 >> 1)};
         const double y[3] = {(double)y1, (double)y2, side * (double)(x1 >> 1)};
         for (int c = 0; c < 3; c++) {
