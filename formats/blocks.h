@@ -35,9 +35,9 @@ typedef enum pbs_orient {
 
 typedef struct pbs_blocks pbs_blocks;
 
-/* Sorts the meshes (on all threads). memory: what the lists may take, at least 1 MiB; clusters take
- * 4.5 bytes a unique triangle besides, in a file if that is much. The scene is borrowed. Errors:
- * PBS_LIMIT, PBS_IO, PBS_CANCEL. */
+/* Sorts the meshes (on all threads). memory: what the lists may take, at least 1 MiB; all of it is
+ * counted now. Clusters take 4.5 bytes a unique triangle besides, in a file if that is much. The
+ * scene is borrowed. Errors: PBS_LIMIT, PBS_IO, PBS_CANCEL. */
 pbs_code pbs_blocks_new(const pbs_scene *s, const pbs_grid *grid, pbs_orient orient, size_t memory,
                         pbs_blocks **out, pbs_err *err);
 void pbs_blocks_free(pbs_blocks *b); /* NULL is fine */

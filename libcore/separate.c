@@ -158,7 +158,7 @@ static d4 decide(const plane *p, int row, int c, d4 z, d4 k, unsigned open) {
 static bool plane_is_whole(plane *p) {
     if (p->whole != UNKNOWN) return p->whole == LATTICE;
     const double *at = p->s->p[0];
-    pbs_int128 base = (pbs_int128)pbs_fixed(at[p->a]) << 16;
+    pbs_int128 base = (pbs_int128)pbs_fixed(at[p->a]) * 65536;
     p->whole = NONE;
     for (int i = 0; i < 2; i++) {
         int axis = i ? p->column : p->row;
