@@ -1,6 +1,6 @@
-/* clip_inner.h: what the parts of clip.c share. Its own file, clip_walk_inner.h and
- * clip_small_inner.h are compiled twice, in clip.c and, with AVX2, in clip_avx2.c; every number is
- * made by the same IEEE operations, so both give the same bits.
+/* clip_inner.h: what the parts of clip.c share. All clip_*_inner.h are compiled twice, in clip.c
+ * and, with AVX2, in clip_avx2.c; every number is made by the same IEEE operations, so both give
+ * the same bits.
  */
 #ifndef PBS_CLIP_INNER_H
 #define PBS_CLIP_INNER_H

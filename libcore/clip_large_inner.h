@@ -65,9 +65,10 @@ static clip_range clip_ends(const clip_job *job, int k) {
 
 static void clip_plane(clip_job *job, const double n[3], double length) {
     job->normal[0] = n[job->u], job->normal[1] = n[job->v], job->normal[2] = n[job->w];
+    job->even = job->d[0][2] == 0 && job->d[1][2] == 0;
+    if (job->flat) return;
     double over = 1 / job->normal[2];
     for (int k = 0; k < 2; k++) job->slope[k] = -job->normal[k] / job->normal[2];
-    job->even = job->d[0][2] == 0 && job->d[1][2] == 0;
     job->level = clip_floor(job->p[0][2] + 0.5);
     job->stretch = fabs(length * over);
     job->place[0] = -job->d[2][1] * over, job->place[1] = job->d[2][0] * over;
@@ -79,27 +80,28 @@ static void clip_large(const double corner[3][3], uint32_t triangle, bool centro
     double n[3];
     clip_normal(corner, n);
     double length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
-    clip_job job = {.corner = corner,
-                    .flat = !(length > 0),
-                    .area = length / 2,
-                    .triangle = triangle,
-                    .centroids = centroids,
-                    .out = out};
+    clip_job job;
+    job.corner = corner, job.area = length / 2, job.flat = !(length > 0);
+    job.triangle = triangle, job.centroids = centroids, job.out = out;
     clip_axes(&job, n);
     clip_edges(&job);
-    if (!job.flat) clip_plane(&job, n, length);
+    clip_plane(&job, n, length);
     /* Seen as pixels, what is narrower than this would lose too much to rounding. */
     double far = job.margin * 0x1p46;
     bool narrow = length < far * far * 0x1p-18;
-    clip_pixels px[2] = {{.count = 0}, {.count = 0}}; /* on edges, covered */
+    clip_pixels px[2]; /* on edges, covered */
+    px[0].count = px[1].count = 0;
     clip_range v = clip_ends(&job, 1), w = clip_ends(&job, 2);
     job.inside = w.low >= 0 && w.high < PBS_BLOCK;
     job.lowest = clip_cell_in_block(w.low), job.highest = clip_cell_in_block(w.high);
-    int last = clip_cell_in_block(v.high), from, to;
+    int last = clip_cell_in_block(v.high);
+    clip_sides sides;
+    clip_row row;
+    clip_sides_set(&sides, &job);
     for (int j = clip_cell_in_block(v.low); j <= last; j++) {
-        if (!clip_row(&job, j, &from, &to)) continue;
-        if (!narrow) pixel_row(&job, j, from, to, px);
-        for (int i = from; i <= to && narrow; i++) clip_pixel(&job, i, j);
+        if (!clip_row_find(&job, &sides, j, &row)) continue;
+        if (!narrow) pixel_row(&job, &row, j, px);
+        for (int i = row.from; i <= row.to && narrow; i++) clip_pixel(&job, i, j);
     }
     pixel_flush(&job, &px[0], true);
     pixel_flush(&job, &px[1], false);

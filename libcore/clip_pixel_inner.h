@@ -8,8 +8,7 @@
 #ifndef PBS_CLIP_PIXEL_INNER_H
 #define PBS_CLIP_PIXEL_INNER_H
 
-#include "libcore/clip_lanes_inner.h"
-#include "libcore/clip_walk_inner.h"
+#include "libcore/clip_row_inner.h"
 
 /* The pixels of a triangle that wait for being four. */
 typedef struct clip_pixels {
@@ -254,29 +253,6 @@ static inline void pixel_add(const clip_job *job, clip_pixels *px, int i, int j,
     if (px->count == 4) pixel_flush(job, px, edges);
 }
 
-/* The pixels of a row that are certainly covered: low .. high - 1. */
-static void pixel_covered(const clip_job *job, int j, clip_range *r) {
-    *r = (clip_range){-INFINITY, INFINITY};
-    for (int e = 0; e < 3; e++) {
-        const double *p = job->p[e], *d = job->d[e];
-        bool up =
-            d[1] > 0; /* the inside is on the left of an edge that goes up, if it turns left */
-        if (d[1] == 0) {
-            bool above = (d[0] > 0) == (job->normal[2] > 0);
-            if (above ? j < p[1] : j + 1 > p[1]) *r = (clip_range){1, 0};
-            continue;
-        }
-        double s = d[0] * job->over[e][1], x = p[0] + s * (j - p[1]), y = p[0] + s * (j + 1 - p[1]);
-        double least = x < y ? x : y, most = x < y ? y : x;
-        if (up == (job->normal[2] > 0))
-            r->high = least < r->high ? least : r->high;
-        else
-            r->low = most > r->low ? most : r->low;
-    }
-    r->low = r->low > -1 ? r->low : -1, r->high = r->high < 65 ? r->high : 65;
-    if (!(r->low < 65 && r->high > -1)) *r = (clip_range){1, 0};
-}
-
 /* Pixels that are covered, of a triangle across the axis: whole squares. */
 static void pixel_squares(const clip_job *job, int j, int from, int to) {
     int at[3];
@@ -292,12 +268,8 @@ static void pixel_squares(const clip_job *job, int j, int from, int to) {
             clip_put(job->out, cell, job->triangle, 1, 0, 0);
 }
 
-static void pixel_row(const clip_job *job, int j, int from, int to, clip_pixels px[2]) {
-    clip_range r;
-    pixel_covered(job, j, &r);
-    int low = -clip_floor(-(r.low + job->margin)), high = clip_floor(r.high - job->margin);
-    low = low > from ? low : from, high = high < to + 1 ? high : to + 1;
-    if (low >= high) low = high = to + 1;
+static void pixel_row(const clip_job *job, const clip_row *row, int j, clip_pixels px[2]) {
+    int from = row->from, to = row->to, low = row->low, high = row->high;
     for (int i = from; i < low; i++) pixel_add(job, &px[0], i, j, true);
     if (job->even) pixel_squares(job, j, low, high);
     for (int i = low; i < high && !job->even; i++) pixel_add(job, &px[1], i, j, false);

@@ -178,7 +178,8 @@ LANE void small_four(const clip_small *s, const uint8_t index[4], const uint8_t 
     for (int c = 0; c < 3; c++) p.a[c] = all4(c == 1), p.b[c] = all4(c == 2);
     small_masses(&p, axes, centroids, m);
     UNROLL
-    for (int o = 0; o < 1 << axes; o++) {
+    for (int o = 0; o < 8; o++) {
+        if (o >> axes) continue;
         put4(r.area[o], area * max4(m[o].f, all4(0)));
         if (centroids)
             small_place(&m[o], r.u[o], r.v[o]);

@@ -187,22 +187,4 @@ static void clip_row_in_block(const clip_job *job, int j, clip_range *r) {
     r->low = x - 1 > r->low ? x - 1 : r->low;
     r->high = y + 1 < r->high ? y + 1 : r->high;
 }
-
-/* The pixels of a row that the triangle may be in, from .. to. */
-static bool clip_row(const clip_job *job, int j, int *from, int *to) {
-    clip_range r = {INFINITY, -INFINITY};
-    double m = job->margin;
-    for (int e = 0; e < 3; e++) {
-        clip_range t = {0, 1};
-        clip_edge(job, e, 1, j - m, j + 1 + m, &t);
-        if (t.low > t.high) continue;
-        clip_add(&r, clip_on_edge(job, e, 0, t.low));
-        clip_add(&r, clip_on_edge(job, e, 0, t.high));
-    }
-    if (!job->flat && !job->inside) clip_row_in_block(job, j, &r);
-    if (!(r.low - m < PBS_BLOCK && r.high + m >= 0)) return false;
-    *from = r.low < 1 ? 0 : clip_floor(r.low - m);
-    *to = r.high > PBS_BLOCK - 1 ? PBS_BLOCK - 1 : clip_floor(r.high + m);
-    return *from <= *to;
-}
 #endif
