@@ -272,7 +272,7 @@ TEST(order_calls_and_instructions_do_not_matter) {
         h.params.surfaces = s;
         h.params.per_face = (pbs_per_face)(i % 3);
         h.params.cells = (pbs_cells)(i / 2);
-        h.sides = i == 4 ? PBS_SIDES_UNKNOWN : PBS_SIDES_OUT;
+        h.sides = i >= 4 ? PBS_SIDES_UNKNOWN : PBS_SIDES_OUT;
         one.mesh.normal = i & 1 ? one.normal : NULL;
         result a = work(&h, &one.mesh);
         CHECK(a.v.count > 1000 && a.v.weight && a.v.emissive);
