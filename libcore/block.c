@@ -3,6 +3,8 @@
 
 typedef double d4 __attribute__((vector_size(32)));
 typedef int64_t l4 __attribute__((vector_size(32)));
+typedef float f4 __attribute__((vector_size(16)));
+typedef int32_t i4 __attribute__((vector_size(16)));
 typedef d4 d4_at __attribute__((aligned(8), may_alias));
 typedef l4 l4_at __attribute__((aligned(8), may_alias));
 
@@ -30,6 +32,45 @@ LANE l4 whole(const d4 *v) {
     return (l4)(*v + magic) - (l4)magic;
 }
 
+/* The mean of three corners at a fragment. */
+LANE f4 mix(const float corner[3][4], float u, float v) {
+    const f4 *c = (const void *)corner;
+    return (1 - u - v) * c[0] + u * c[1] + v * c[2];
+}
+
+/* The normal of a fragment from those of its corners: unit as in pbs_batch, returns the slot. One
+ * of a triangle without area has no side to turn to; those that cancel say nothing. */
+LANE uint32_t smooth(const pbs_block *b, const pbs_fragment *f, double unit[4]) {
+    const pbs_batch *t = &b->batch;
+    uint32_t i = f->triangle;
+    double uv[2] = {f->u, f->v};
+    if (__builtin_expect(t->cut >> i & 1, 0)) pbs_block_uncut(b, i, uv);
+    f4 n = mix(t->smooth[i], (float)uv[0], (float)uv[1]);
+    f4 square = n * n;
+    float length = sqrtf(square[0] + square[1] + square[2]);
+    if (__builtin_expect(!(length > 1e-6f), 0)) {
+        memcpy(unit, t->unit[i], 4 * sizeof *unit);
+        return t->slot[i];
+    }
+    double turned = n[0] * t->normal[0][i] + n[1] * t->normal[1][i] + n[2] * t->normal[2][i];
+    double side = n[0] * PBS_SIDE_X + n[1] * PBS_SIDE_Y + n[2] * PBS_SIDE_Z;
+    double sign = (b->placing.both ? side : turned) < 0 ? -1 : 1;
+    double scale = sign * PBS_UNIT * (1 / length);
+    uint32_t beyond = !b->placing.both && side * sign < 0;
+    unit[beyond ? 0 : 3] = PBS_UNIT;
+    unit[beyond] = n[0] * scale, unit[beyond + 1] = n[1] * scale, unit[beyond + 2] = n[2] * scale;
+    return beyond;
+}
+
+LANE void values(pbs_block *b, const pbs_fragment *f, int32_t *out) {
+    if (b->mixes >> f->triangle & 1) {
+        i4 v = __builtin_convertvector(mix(b->mix[f->triangle], f->u, f->v) + 0.5f, i4);
+        memcpy(out, &v, sizeof v);
+    } else {
+        pbs_block_values(b, f, out);
+    }
+}
+
 LANE void add_extras(int64_t *to, uint32_t n, int64_t area, const int32_t *value) {
     if (n == 4) {
         for (int i = 0; i < 4; i++) to[i] += area * value[i];
@@ -48,8 +89,8 @@ LANE int64_t put(pbs_block *b, const pbs_fragment *f, bool general) {
     const int32_t *value = b->value[t];
     if (general) {
         if (b->asks >> t & 1 && !pbs_block_keeps(b, t, f->cell)) return 0;
-        if (b->placing.mesh->normal) pbs_block_normal(b, f, own, &slot), unit = own;
-        if (b->varies >> t & 1) pbs_block_values(b, f, varied), value = varied;
+        if (b->placing.mesh->normal) slot = smooth(b, f, own), unit = own;
+        if (b->varies >> t & 1) values(b, f, varied), value = varied;
     }
     uint32_t code = pbs_bricks_code(k, f->cell);
     pbs_brick *p = pbs_bricks_get(k, code);

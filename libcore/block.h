@@ -11,10 +11,16 @@
  * Normals and faces. A face is in the mask if any triangle in the voxel looks out of it (the sign
  * of the normal's component), if not the six-separating neighbour behind it hides it; faces on the
  * border of a chunk are never hidden and always there, so that levels of detail can meet ("caps").
+ * A voxel whose faces are all hidden has none, and is kept for its attributes; one of which nothing
+ * says where it is seen from (triangles without area) is seen from all around.
  * Normals are summed apart for the two sides of a fixed plane: where the mean of all is short (less
  * than PBS_BLOCK_THIN), the two sides of a sheet are in one voxel, which is then two-sided and has
  * the normal of the sheet. Triangles whose orientation is not known look out of both their sides,
- * and so do all if the viewer may be inside (`interior`).
+ * and so do all if the viewer may be inside (`interior`); such voxels are two-sided, too.
+ *
+ * Colours are means in linear light, of surfaces seen with pixels of the size of a voxel. A
+ * triangle of a masked material is in a cell if it is there at its point nearest to the cell's
+ * middle.
  */
 #ifndef PBS_BLOCK_H
 #define PBS_BLOCK_H
@@ -39,10 +45,15 @@ typedef struct pbs_block_params {
     pbs_cells cells;
     pbs_per_face per_face;
     bool interior;
-    const pbs_surfaces *surfaces; /* borrowed; may be NULL if no channel needs it */
+    const pbs_surfaces *surfaces; /* borrowed; made for the channels, and PBS_COLOUR if faces have
+                                     colours; may be NULL if nothing needs it: then there are no
+                                     masked materials */
 } pbs_block_params;
 
-/* Bytes that a block takes at most without colours, materials, and attributes of faces. */
+/* Bytes that a block takes at most, all of its cells being touched: with normals and weights, and
+ * sums that are not large (64 square voxels in a cell; up to 17 MiB more if they are in all). Each
+ * colour adds 9 MiB, material 5, emissive 7; attributes of faces 0.2 KiB for each material in a
+ * cell, or 0.6 KiB a cell for colours. A block of an even surface takes 2 MiB. */
 #define PBS_BLOCK_MEMORY ((size_t)26 << 20)
 
 /* One thread's scratch. Kept from block to block: fresh memory costs as much as the work. */
@@ -67,7 +78,7 @@ pbs_code pbs_block_add(pbs_block *b, const pbs_mesh *mesh, const uint32_t *trian
                        const pbs_to_grid *to, pbs_sides sides, pbs_err *err);
 
 typedef struct pbs_block_stats {
-    uint64_t triangles; /* that touch cells of the block itself */
+    uint64_t triangles; /* that touch cells of the block itself; for the set alone, that hit some */
     uint64_t fragments; /* pairs of a triangle and a cell */
     uint64_t touched;   /* cells of the conservative set; 0 for the set alone */
     uint64_t orphans;   /* voxels that are not six-separating, and kept (PBS_CELLS_THIN) */

@@ -88,6 +88,7 @@ struct pbs_block {
     uint32_t material[PBS_TRIANGLES];
     uint64_t asks;   /* triangles of which not every fragment is there */
     uint64_t varies; /* triangles that are not of one colour */
+    uint64_t mixes;  /* of these, those whose corners' colours are in mix */
     uint64_t hit;    /* triangles that touch the block */
     bool general;    /* fragments differ in more than their area */
 
@@ -95,6 +96,7 @@ struct pbs_block {
     uint32_t extras, at_material, at_emissive; /* numbers a fragment; where these begin */
     uint32_t want;                             /* channels */
     int32_t value[PBS_TRIANGLES][PBS_EXTRAS];
+    _Alignas(16) float mix[PBS_TRIANGLES][3][4];
     uint32_t plain_material; /* what plain was made of */
     int32_t plain[PBS_EXTRAS];
     const pbs_srgb_table *srgb;
@@ -122,9 +124,8 @@ void pbs_block_shade_batch(struct pbs_block *b);
 /* Whether a triangle is there in a cell: asked at its point that is nearest to the middle. The
  * same answer for a fragment and a hit, and wherever the block is. */
 bool pbs_block_keeps(struct pbs_block *b, uint32_t triangle, uint32_t cell);
-/* The normal of a fragment; *slot as in pbs_batch. */
-void pbs_block_normal(const struct pbs_block *b, const pbs_fragment *f, double unit[4],
-                      uint32_t *slot);
+/* Where a point of a piece is in the triangle that was cut. */
+void pbs_block_uncut(const struct pbs_block *b, uint32_t triangle, double uv[2]);
 /* The values of a fragment. */
 void pbs_block_values(struct pbs_block *b, const pbs_fragment *f, int32_t value[PBS_EXTRAS]);
 

@@ -58,11 +58,37 @@ void pbs_block_shade_call(pbs_block *b, const pbs_mesh *mesh) {
     b->plain_material = PBS_NONE - 1;
 }
 
+/* Vertex colours alone are mixed in linear light, without a look at the surfaces for each point. */
+static bool is_mix(const pbs_block *b, uint32_t i, uint32_t material) {
+    const pbs_surfaces *s = b->params.surfaces;
+    const pbs_mesh *mesh = b->placing.mesh;
+    return b->want == PBS_COLOUR && !(b->batch.cut >> i & 1) &&
+           !(mesh->uv && s->flat[material < s->count ? material : s->count].base);
+}
+
+static float clamp(float v, float most) {
+    return v < most ? v > 0 ? v : 0 : v >= most ? most : 0;
+}
+
+static void corner_colours(pbs_block *b, uint32_t i, uint32_t material) {
+    static const pbs_material white = {.base = {1, 1, 1, 1}};
+    const pbs_surfaces *s = b->params.surfaces;
+    const pbs_mesh *mesh = b->placing.mesh;
+    const pbs_material *m = material < s->count ? &s->materials[material] : &white;
+    for (int c = 0; c < 3; c++) {
+        const uint8_t *v = mesh->colour + 4 * (size_t)mesh->index[3 * b->batch.id[i] + c];
+        float *to = b->mix[i][c];
+        for (int k = 0; k < 3; k++)
+            to[k] = clamp(m->base[k] * b->srgb->linear[v[k]] * PBS_LIGHT, PBS_LIGHT);
+        to[3] = m->alpha == PBS_ALPHA_BLEND ? clamp(m->base[3] * v[3], 255) : 255;
+    }
+}
+
 void pbs_block_shade_batch(pbs_block *b) {
     const pbs_mesh *mesh = b->placing.mesh;
     const pbs_surfaces *s = b->params.surfaces;
     bool may_ask = s && pbs_surfaces_may_ask(s, mesh);
-    b->asks = b->varies = 0;
+    b->asks = b->varies = b->mixes = 0;
     b->lane_triangle = PBS_NONE;
     if (!may_ask && !b->extras && !b->params.per_face) return;
     for (uint32_t i = 0; i < b->batch.t.count; i++) {
@@ -70,7 +96,10 @@ void pbs_block_shade_batch(pbs_block *b) {
         if (may_ask) b->asks |= (uint64_t)pbs_surfaces_asks(s, mesh, id) << i;
         if (!b->extras) continue;
         if (varies(b, m)) {
+            bool mix = is_mix(b, i, m);
             b->varies |= UINT64_C(1) << i;
+            b->mixes |= (uint64_t)mix << i;
+            if (mix) corner_colours(b, i, m);
             continue;
         }
         if (m != b->plain_material) {
@@ -84,8 +113,7 @@ void pbs_block_shade_batch(pbs_block *b) {
 
 /* ---- of a fragment ---- */
 
-/* Where a point of a piece is in the triangle that was cut. */
-static void uncut(const pbs_block *b, uint32_t t, double uv[2]) {
+void pbs_block_uncut(const pbs_block *b, uint32_t t, double uv[2]) {
     if (!(b->batch.cut >> t & 1)) return;
     const float(*c)[2] = (const void *)b->batch.bary[t];
     double u = uv[0], v = uv[1];
@@ -118,7 +146,7 @@ static void aim(pbs_block *b) {
 static void look_at(pbs_block *b, uint32_t t, double u, double v) {
     double uv[2] = {u, v};
     pbs_lanes *l = &b->lanes;
-    uncut(b, t, uv);
+    pbs_block_uncut(b, t, uv);
     uint32_t id = b->batch.id[t];
     if (b->lane_triangle != id) {
         const uint16_t *index = b->placing.mesh->index + 3 * (size_t)id;
@@ -132,32 +160,6 @@ static void look_at(pbs_block *b, uint32_t t, double u, double v) {
 void pbs_block_values(pbs_block *b, const pbs_fragment *f, int32_t value[PBS_EXTRAS]) {
     look_at(b, f->triangle, f->u, f->v);
     ask(b, value);
-}
-
-void pbs_block_normal(const pbs_block *b, const pbs_fragment *f, double unit[4], uint32_t *slot) {
-    const pbs_batch *t = &b->batch;
-    uint32_t i = f->triangle;
-    double uv[2] = {f->u, f->v}, n[3], square = 0, turned = 0, side = 0;
-    static const double plane[3] = {PBS_SIDE_X, PBS_SIDE_Y, PBS_SIDE_Z};
-    uncut(b, i, uv);
-    double w = 1 - uv[0] - uv[1];
-    for (int r = 0; r < 3; r++) {
-        n[r] = w * t->smooth[0][r][i] + uv[0] * t->smooth[1][r][i] + uv[1] * t->smooth[2][r][i];
-        square += n[r] * n[r];
-        turned += n[r] * t->normal[r][i];
-        side += n[r] * plane[r];
-    }
-    /* Normals that cancel say nothing; those of a triangle without area have no side to turn to. */
-    if (!(square > 1e-16)) {
-        memcpy(unit, t->unit[i], 4 * sizeof *unit);
-        return;
-    }
-    bool turn = b->placing.both ? side < 0 : turned < 0;
-    double scale = (turn ? -PBS_UNIT : PBS_UNIT) / sqrt(square);
-    bool beyond = !b->placing.both && (turn ? side > 0 : side < 0);
-    unit[beyond ? 0 : 3] = PBS_UNIT;
-    for (int r = 0; r < 3; r++) unit[beyond + r] = n[r] * scale;
-    *slot = beyond;
 }
 
 /* ---- masks ---- */

@@ -35,7 +35,7 @@ typedef struct pbs_batch {
                                                        towards the fixed side, 0 without area; and 1,
                                                        behind it or, beyond the plane, before it */
     _Alignas(32) double normal[3][PBS_TRIANGLES];   /* the same, length 1 */
-    _Alignas(32) float smooth[3][3][PBS_TRIANGLES]; /* vertex normals, placed; any length */
+    _Alignas(16) float smooth[PBS_TRIANGLES][3][4]; /* vertex normals, placed; any length */
     uint32_t id[PBS_TRIANGLES];                     /* of the mesh */
     uint8_t faces[PBS_TRIANGLES];                   /* that it looks out of */
     uint8_t slot[PBS_TRIANGLES];                    /* 1: beyond the fixed plane */

@@ -200,9 +200,13 @@ LANE void smooth_all(const pbs_placing *g, const pbs_corners *in, pbs_batch *b) 
             x -= turn4f(t, x), y -= turn4f(t, y);
             f4 w = 1 / sqrt4f(x * x + y * y + z * z);
             x *= w, y *= w, z *= w;
-            for (int r = 0; r < 3; r++)
-                *(f4_at *)(void *)&b->smooth[c][r][i] =
-                    k[3 * r] * x + k[3 * r + 1] * y + k[3 * r + 2] * z;
+            f4 n[3];
+#pragma GCC unroll 3
+            for (int r = 0; r < 3; r++) n[r] = k[3 * r] * x + k[3 * r + 1] * y + k[3 * r + 2] * z;
+            for (uint32_t lane = 0; lane < 4; lane++) {
+                const f4 own = {n[0][lane], n[1][lane], n[2][lane], 0};
+                memcpy(b->smooth[i + lane][c], &own, sizeof own);
+            }
         }
 }
 #endif
