@@ -113,8 +113,7 @@ static pbs_code pass(reading *d, const pbs_chunk *c, const pbs_voxels *v, pbs_er
     d->fate = PASSED;
     pbs_chunk out = *c;
     out.node = d->levels.next;
-    pbs_piece piece = {c->payload, (size_t)c->bytes};
-    return pbs_writer_chunk(d->w, &out, &piece, 1, err);
+    return pbs_writer_pass(d->w, &out, err);
 }
 
 static pbs_code take_finest(reading *d, const pbs_chunk *c, const pbs_voxels *v, pbs_err *err) {
@@ -278,8 +277,7 @@ static pbs_code end_finest(reading *d, const pbs_chunk *c, const pbs_node *node,
     if (rc) return rc;
     pbs_chunk out = *c;
     out.node = d->levels.next;
-    pbs_piece piece = {c->payload, (size_t)c->bytes};
-    rc = pbs_writer_chunk(d->w, &out, &piece, 1, err);
+    rc = pbs_writer_pass(d->w, &out, err);
     return rc ? rc : in_file(d, pbs_levels_finest(&d->levels, &d->place, node, err), err);
 }
 
@@ -314,8 +312,7 @@ static pbs_code take_other(reading *d, const pbs_chunk *c, pbs_err *err) {
         if (d->fate == DROPPED) return PBS_OK;
         if (d->fate == PASSED) out.node = d->levels.next;
     }
-    pbs_piece piece = {c->payload, (size_t)c->bytes};
-    return pbs_writer_chunk(d->w, &out, &piece, 1, err);
+    return pbs_writer_pass(d->w, &out, err);
 }
 
 static pbs_code take_chunk(reading *d, const pbs_chunk *c, pbs_err *err) {
