@@ -73,6 +73,9 @@ typedef struct pbs_piece {
 } pbs_piece;
 pbs_code pbs_writer_chunk(pbs_writer *w, const pbs_chunk *chunk, const pbs_piece *piece, int pieces,
                           pbs_err *err);
+/* A chunk as a reader gave it, which has checked it: with that payload, and its checksum is not
+ * made again. Only tag, flags, node, count and first may have changed. */
+pbs_code pbs_writer_pass(pbs_writer *w, const pbs_chunk *chunk, pbs_err *err);
 /* Directory, footer, and the file gets its name. */
 pbs_code pbs_writer_commit(pbs_writer *w, pbs_err *err);
 /* The same, but the whole stream comes back as a mapped input (a spool). */

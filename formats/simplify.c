@@ -113,8 +113,7 @@ static pbs_code pass(reading *d, const pbs_chunk *c, const pbs_voxels *v, pbs_er
     d->fate = PASSED;
     pbs_chunk out = *c;
     out.node = d->levels.next;
-    pbs_piece piece = {c->payload, (size_t)c->bytes};
-    return pbs_writer_chunk(d->w, &out, &piece, 1, err);
+    return pbs_writer_pass(d->w, &out, err);
 }
 
 static pbs_code take_finest(reading *d, const pbs_chunk *c, const pbs_voxels *v, pbs_err *err) {
@@ -168,28 +167,26 @@ static pbs_code take_faces(reading *d, const pbs_chunk *c, pbs_err *err) {
 
 /* ---- nodes that were held ---- */
 
-enum { GATHER = 4096 };
+/* Voxels at a time, of a sorted pile and to be sorted. */
+enum { GATHER = 4096, SORT = 1 << 20 };
 
+/* What is worked with, and where it goes. */
 typedef struct gathered {
-    pbs_voxels v;
-    uint32_t *faces; /* lists of these voxels, one after the other */
+    pbs_voxels v, cube; /* to be added; to be sorted */
+    uint32_t *faces;    /* lists of v, one after the other */
     size_t face_count;
+    uint32_t *order; /* of the cube */
+    pbs_pile sorted;
 } gathered;
 
-static void gather(const pbs_pile *p, const uint32_t *order, uint64_t first, size_t n,
-                   pbs_voxels *to) {
-    to->count = n;
-    for (size_t i = 0; i < n; i++) {
-        const pbs_voxels *v;
-        size_t at = pbs_pile_find(p, order ? order[first + i] : first + i, &v);
-        to->place[i] = v->place[at];
-        if (to->normal) to->normal[i] = v->normal[at];
-        if (to->weight) to->weight[i] = v->weight[at];
-        if (to->colour) to->colour[i] = v->colour[at];
-        if (to->material) to->material[i] = v->material[at];
-        if (to->emissive) to->emissive[i] = v->emissive[at];
-        if (to->face) to->face[i] = v->face[at];
-    }
+static void copy_voxel(pbs_voxels *to, size_t i, const pbs_voxels *v, size_t at) {
+    to->place[i] = v->place[at];
+    if (to->normal) to->normal[i] = v->normal[at];
+    if (to->weight) to->weight[i] = v->weight[at];
+    if (to->colour) to->colour[i] = v->colour[at];
+    if (to->material) to->material[i] = v->material[at];
+    if (to->emissive) to->emissive[i] = v->emissive[at];
+    if (to->face) to->face[i] = v->face[at];
 }
 
 static pbs_code gather_faces(const reading *d, gathered *g, pbs_err *err) {
@@ -209,60 +206,102 @@ static pbs_code gather_faces(const reading *d, gathered *g, pbs_err *err) {
     return PBS_OK;
 }
 
-/* All voxels in their order to the coarser levels, and to a pile in that order. */
-static pbs_code add_held(reading *d, const uint32_t *order, gathered *g, pbs_pile *sorted,
-                         pbs_err *err) {
+static pbs_code add_gathered(reading *d, gathered *g, pbs_err *err) {
+    pbs_code rc = g->faces ? gather_faces(d, g, err) : PBS_OK;
+    if (rc) return rc;
+    return in_file(
+        d, pbs_levels_add(&d->levels, d->place.chunk, &g->v, g->faces, g->face_count, err), err);
+}
+
+/* A pile that is in order. */
+static pbs_code add_held(reading *d, gathered *g, pbs_err *err) {
     pbs_code rc = PBS_OK;
     for (uint64_t i = 0; i < d->voxels.count && !rc; i += g->v.count) {
         uint64_t left = d->voxels.count - i;
-        gather(&d->voxels, order, i, left < GATHER ? (size_t)left : GATHER, &g->v);
-        if (order) rc = pbs_pile_add(sorted, &g->v, 0, err);
-        if (!rc && g->faces) rc = gather_faces(d, g, err);
-        if (!rc)
-            rc = in_file(
-                d, pbs_levels_add(&d->levels, d->place.chunk, &g->v, g->faces, g->face_count, err),
-                err);
+        if (i % (GATHER * 64) == 0) {
+            pbs_pile_rest(&d->voxels);
+            pbs_pile_rest(&d->faces);
+        }
+        g->v.count = left < GATHER ? (size_t)left : GATHER;
+        for (size_t k = 0; k < g->v.count; k++) {
+            const pbs_voxels *v;
+            size_t at = pbs_pile_find(&d->voxels, i + k, &v);
+            copy_voxel(&g->v, k, v, at);
+        }
+        rc = add_gathered(d, g, err);
     }
     return rc;
 }
 
-static pbs_code sort_held(reading *d, pbs_scratch *order, pbs_err *err) {
-    const uint32_t **part;
-    size_t n = d->voxels.parts ? d->voxels.parts : 1;
-    pbs_code rc =
-        pbs_scratch_new(d->run, (size_t)d->voxels.count, 4, "the order of voxels", order, err);
-    if (!rc) rc = pbs_alloc(d->run, &part, n, sizeof *part, "the order of voxels", err);
-    if (rc) return rc;
-    part[0] = d->voxels.held.place;
-    for (size_t i = 0; i < d->voxels.parts; i++) part[i] = d->voxels.part[i].v.place;
-    rc = pbs_morton_sort(d->run, part, (uint32_t)__builtin_ctz(PBS_VOXELS_CHUNK),
-                         (size_t)d->voxels.count, order->bytes, err);
-    pbs_free(d->run, part);
+/* The voxels of cubes first .. end - 1, as they come. The pile is read from front to back. */
+static void collect(const reading *d, uint32_t first, uint32_t end, pbs_voxels *to) {
+    to->count = 0;
+    for (uint64_t i = 0; i < d->voxels.count; i++) {
+        const pbs_voxels *v;
+        size_t at = pbs_pile_find(&d->voxels, i, &v);
+        uint32_t digit = pbs_morton_digit(v->place[at]);
+        if (i % (GATHER * 256) == 0) pbs_pile_rest(&d->voxels);
+        if (digit >= first && digit < end) copy_voxel(to, to->count++, v, at);
+    }
+}
+
+static pbs_code add_cubes(reading *d, gathered *g, pbs_err *err) {
+    const pbs_voxels *c = &g->cube;
+    pbs_code rc = pbs_morton_sort(d->run, c->place, c->count, g->order, err);
+    if (rc == PBS_DATA) return bad(d, "a cell comes twice", err);
+    for (size_t i = 0; i < c->count && !rc; i += g->v.count) {
+        g->v.count = c->count - i < GATHER ? c->count - i : GATHER;
+        for (size_t k = 0; k < g->v.count; k++) copy_voxel(&g->v, k, c, g->order[i + k]);
+        rc = pbs_pile_add(&g->sorted, &g->v, 0, err);
+        if (!rc) rc = add_gathered(d, g, err);
+    }
+    pbs_pile_rest(&d->faces);
+    return rc;
+}
+
+/* A pile that is not in order: as many cubes of 64^3 cells at a time as are not too many voxels. */
+static pbs_code sort_held(reading *d, gathered *g, pbs_err *err) {
+    uint64_t count[65] = {0};
+    size_t room = d->voxels.count < SORT ? (size_t)d->voxels.count : SORT;
+    for (uint64_t i = 0; i < d->voxels.count; i++) {
+        const pbs_voxels *v;
+        size_t at = pbs_pile_find(&d->voxels, i, &v);
+        count[pbs_morton_digit(v->place[at])]++;
+    }
+    pbs_code rc = pbs_voxels_alloc(d->run, d->channels, room, &g->cube, err);
+    if (!rc) rc = pbs_alloc(d->run, &g->order, room, 4, "the order of voxels", err);
     d->out->nodes_sorted++;
-    return rc == PBS_DATA ? bad(d, "a cell comes twice", err) : rc;
+    for (uint32_t first = 0, end; first < 64 && !rc; first = end) {
+        uint64_t n = count[first];
+        for (end = first + 1; end < 64 && n + count[end] <= room; end++) n += count[end];
+        if (n > room) return bad(d, "a cell comes twice", err);
+        if (!n) continue;
+        collect(d, first, end, &g->cube);
+        rc = add_cubes(d, g, err);
+    }
+    return rc;
 }
 
 static pbs_code write_held(reading *d, pbs_err *err) {
-    pbs_scratch order = {0};
     gathered g = {0};
-    pbs_pile sorted;
-    pbs_pile_begin(&sorted, d->run, d->channels, pbs_mem_left(d->run) / 16);
+    pbs_pile_begin(&g.sorted, d->run, d->channels, pbs_mem_left(d->run) / 16);
     pbs_code rc = begin_levels(d, err);
     if (!rc) rc = pbs_pile_settle(&d->voxels, err);
     if (!rc) rc = pbs_pile_settle(&d->faces, err);
-    if (!rc && !d->sorted) rc = sort_held(d, &order, err);
     if (!rc) rc = pbs_voxels_alloc(d->run, d->channels, GATHER, &g.v, err);
     if (!rc && d->channels & PBS_FACE)
         rc = pbs_alloc(d->run, &g.faces, GATHER * 6, 4, "lists of faces", err);
-    if (!rc) rc = add_held(d, order.bytes, &g, &sorted, err);
+    if (!rc) rc = d->sorted ? add_held(d, &g, err) : sort_held(d, &g, err);
     if (!rc)
-        rc = pbs_pile_write(d->sorted ? &d->voxels : &sorted, d->w, d->levels.next, &d->place, err);
+        rc = pbs_pile_write(d->sorted ? &d->voxels : &g.sorted, d->w, d->levels.next, &d->place,
+                            err);
     if (!rc && d->channels & PBS_FACE)
         rc = pbs_pile_write_faces(&d->faces, d->w, d->levels.next, d->face_colour, err);
-    pbs_pile_free(&sorted);
+    pbs_pile_free(&g.sorted);
     pbs_voxels_free(d->run, &g.v);
+    pbs_voxels_free(d->run, &g.cube);
     pbs_free(d->run, g.faces);
-    pbs_scratch_free(&order);
+    pbs_free(d->run, g.order);
     return rc;
 }
 
@@ -278,8 +317,7 @@ static pbs_code end_finest(reading *d, const pbs_chunk *c, const pbs_node *node,
     if (rc) return rc;
     pbs_chunk out = *c;
     out.node = d->levels.next;
-    pbs_piece piece = {c->payload, (size_t)c->bytes};
-    rc = pbs_writer_chunk(d->w, &out, &piece, 1, err);
+    rc = pbs_writer_pass(d->w, &out, err);
     return rc ? rc : in_file(d, pbs_levels_finest(&d->levels, &d->place, node, err), err);
 }
 
@@ -314,8 +352,7 @@ static pbs_code take_other(reading *d, const pbs_chunk *c, pbs_err *err) {
         if (d->fate == DROPPED) return PBS_OK;
         if (d->fate == PASSED) out.node = d->levels.next;
     }
-    pbs_piece piece = {c->payload, (size_t)c->bytes};
-    return pbs_writer_chunk(d->w, &out, &piece, 1, err);
+    return pbs_writer_pass(d->w, &out, err);
 }
 
 static pbs_code take_chunk(reading *d, const pbs_chunk *c, pbs_err *err) {

@@ -45,6 +45,10 @@ static void rest(const pbs_pile_part *part) {
     if (part->scratch.is_file) pbs_pages_rest(part->scratch.bytes, part->scratch.size);
 }
 
+void pbs_pile_rest(const pbs_pile *p) {
+    for (size_t i = 0; i < p->parts; i++) rest(&p->part[i]);
+}
+
 static pbs_code store_held(pbs_pile *p, pbs_err *err) {
     for (size_t i = 0; i < p->held.count;) {
         pbs_pile_part *part = p->parts ? &p->part[p->parts - 1] : NULL;

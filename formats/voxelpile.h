@@ -29,6 +29,8 @@ void pbs_pile_begin(pbs_pile *p, pbs_run *run, uint32_t channels, size_t memory)
 pbs_code pbs_pile_add(pbs_pile *p, const pbs_voxels *v, uint32_t face_base, pbs_err *err);
 /* Where voxel i is: an offset into *v. Not while any are held beside parts: settle before. */
 size_t pbs_pile_find(const pbs_pile *p, uint64_t i, const pbs_voxels **v);
+/* Pages of parts in files are given back (scratch.h); to be called while many are looked at. */
+void pbs_pile_rest(const pbs_pile *p);
 /* All are in parts, or none. */
 pbs_code pbs_pile_settle(pbs_pile *p, pbs_err *err);
 pbs_code pbs_pile_write(pbs_pile *p, pbs_writer *w, uint32_t node, const pbs_voxel_place *place,

@@ -146,28 +146,40 @@ static pbs_code add_entry(pbs_writer *w, const pbs_chunk *c, pbs_err *err) {
     return PBS_OK;
 }
 
+/* c: all but its place in the file. */
+static pbs_code put_chunk(pbs_writer *w, pbs_chunk *c, const pbs_piece *piece, int pieces,
+                          pbs_err *err) {
+    c->offset = w->out.written;
+    if (c->bytes > PBS_PAYLOAD_MAX)
+        return pbs_fail(err, PBS_LIMIT, "a chunk of %llu bytes: the format's limit is %u",
+                        (unsigned long long)c->bytes, PBS_PAYLOAD_MAX);
+    if (w->front && w->chunks == w->front)
+        return pbs_fail(err, PBS_INTERNAL, "more chunks than announced");
+    uint8_t h[CHUNK_FIXED];
+    chunk_header(h, c, w->chunks++);
+    w->chain = pbs_crc32c(w->chain, h, CHUNK_SELF_AT);
+    pbs_code rc = add_entry(w, c, err);
+    if (!rc) rc = pbs_output_write(&w->out, h, sizeof h, err);
+    for (int i = 0; i < pieces && !rc; i++)
+        rc = pbs_output_write(&w->out, piece[i].bytes, piece[i].size, err);
+    return rc ? rc : put_zeros(w, pbs_padding(c->bytes, PBS_ALIGN), err);
+}
+
 pbs_code pbs_writer_chunk(pbs_writer *w, const pbs_chunk *chunk, const pbs_piece *piece, int pieces,
                           pbs_err *err) {
     pbs_chunk c = *chunk;
     c.bytes = c.crc = 0;
-    c.offset = w->out.written;
     for (int i = 0; i < pieces; i++) {
         c.bytes += piece[i].size;
         c.crc = pbs_crc32c(c.crc, piece[i].bytes, piece[i].size);
     }
-    if (c.bytes > PBS_PAYLOAD_MAX)
-        return pbs_fail(err, PBS_LIMIT, "a chunk of %llu bytes: the format's limit is %u",
-                        (unsigned long long)c.bytes, PBS_PAYLOAD_MAX);
-    if (w->front && w->chunks == w->front)
-        return pbs_fail(err, PBS_INTERNAL, "more chunks than announced");
-    uint8_t h[CHUNK_FIXED];
-    chunk_header(h, &c, w->chunks++);
-    w->chain = pbs_crc32c(w->chain, h, CHUNK_SELF_AT);
-    pbs_code rc = add_entry(w, &c, err);
-    if (!rc) rc = pbs_output_write(&w->out, h, sizeof h, err);
-    for (int i = 0; i < pieces && !rc; i++)
-        rc = pbs_output_write(&w->out, piece[i].bytes, piece[i].size, err);
-    return rc ? rc : put_zeros(w, pbs_padding(c.bytes, PBS_ALIGN), err);
+    return put_chunk(w, &c, piece, pieces, err);
+}
+
+pbs_code pbs_writer_pass(pbs_writer *w, const pbs_chunk *chunk, pbs_err *err) {
+    pbs_chunk c = *chunk;
+    pbs_piece piece = {c.payload, (size_t)c.bytes};
+    return put_chunk(w, &c, &piece, 1, err);
 }
 
 /* One page, chunk header and all, into buf; returns its size. */

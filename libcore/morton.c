@@ -86,29 +86,24 @@ void pbs_place_bounds(const uint32_t *place, size_t n, uint8_t low[3], uint8_t h
 enum { HIGH = 64, LOW = 1 << 18 };
 
 typedef struct sorter {
-    const uint32_t *const *part;
-    uint32_t bits;
+    const uint32_t *place;
     uint32_t slot[LOW];
     uint64_t taken[LOW / 64];
 } sorter;
 
-static inline uint32_t place_at(const sorter *s, uint32_t i) {
-    return s->part[i >> s->bits][i & (((uint32_t)1 << s->bits) - 1)];
-}
-/* The digit of each cell is in the highest two bits of its coordinates. */
-static inline uint32_t high_digit(uint32_t place) {
+uint32_t pbs_morton_digit(uint32_t place) {
     return pbs_morton8(place & 0xc0c0c0) >> 18;
 }
 
 static void by_high_digit(const sorter *s, size_t n, size_t end[HIGH + 1], uint32_t *order) {
     size_t at[HIGH];
     memset(end, 0, (HIGH + 1) * sizeof *end);
-    for (size_t i = 0; i < n; i++) end[high_digit(place_at(s, (uint32_t)i)) + 1]++;
+    for (size_t i = 0; i < n; i++) end[pbs_morton_digit(s->place[i]) + 1]++;
     for (int d = 0; d < HIGH; d++) {
         end[d + 1] += end[d];
         at[d] = end[d];
     }
-    for (size_t i = 0; i < n; i++) order[at[high_digit(place_at(s, (uint32_t)i))]++] = (uint32_t)i;
+    for (size_t i = 0; i < n; i++) order[at[pbs_morton_digit(s->place[i])]++] = (uint32_t)i;
 }
 
 /* False if a cell comes twice. */
@@ -116,7 +111,7 @@ static bool by_cell(sorter *s, uint32_t *order, size_t n) {
     bool once = true;
     memset(s->taken, 0, sizeof s->taken);
     for (size_t i = 0; i < n; i++) {
-        uint32_t cell = pbs_morton8(place_at(s, order[i])) % LOW;
+        uint32_t cell = pbs_morton8(s->place[order[i]]) % LOW;
         uint64_t bit = UINT64_C(1) << cell % 64;
         once = once && !(s->taken[cell / 64] & bit);
         s->taken[cell / 64] |= bit;
@@ -129,15 +124,14 @@ static bool by_cell(sorter *s, uint32_t *order, size_t n) {
     return true;
 }
 
-pbs_code pbs_morton_sort(pbs_run *run, const uint32_t *const *part, uint32_t bits, size_t n,
-                         uint32_t *order, pbs_err *err) {
+pbs_code pbs_morton_sort(pbs_run *run, const uint32_t *place, size_t n, uint32_t *order,
+                         pbs_err *err) {
     size_t end[HIGH + 1];
     sorter *s;
     if (n > (size_t)HIGH * LOW) return pbs_fail(err, PBS_DATA, "a cell comes twice");
     pbs_code rc = pbs_alloc(run, &s, 1, sizeof *s, "sorting voxels", err);
     if (rc) return rc;
-    s->part = part;
-    s->bits = bits;
+    s->place = place;
     by_high_digit(s, n, end, order);
     for (int d = 0; d < HIGH && !rc; d++)
         if (!by_cell(s, order + end[d], end[d + 1] - end[d]))

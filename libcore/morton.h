@@ -17,9 +17,11 @@ bool pbs_morton_sorted(const uint32_t *place, size_t n, uint32_t *last);
 /* Least and largest coordinates; both are kept where they are less or larger. */
 void pbs_place_bounds(const uint32_t *place, size_t n, uint8_t low[3], uint8_t high[3]);
 
-/* Which voxel comes first, second ...: order[0 .. n - 1]. The places lie in parts of 2^bits, the
- * last one maybe shorter; n is at most 2^24. Takes 1.1 MiB. Errors: PBS_DATA if a cell comes twice,
- * PBS_LIMIT. */
-pbs_code pbs_morton_sort(pbs_run *run, const uint32_t *const *part, uint32_t bits, size_t n,
-                         uint32_t *order, pbs_err *err);
+/* Which of 64 cubes of 64^3 cells a cell is in, counted along the curve. */
+uint32_t pbs_morton_digit(uint32_t place);
+
+/* Which voxel comes first, second ...: order[0 .. n - 1]. Takes 1.1 MiB. Errors: PBS_DATA if a cell
+ * comes twice, PBS_LIMIT. */
+pbs_code pbs_morton_sort(pbs_run *run, const uint32_t *place, size_t n, uint32_t *order,
+                         pbs_err *err);
 #endif

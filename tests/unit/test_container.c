@@ -36,6 +36,10 @@ TEST(crc32c) {
                   want);
         }
     CHECK(pbs_crc32c(0, NULL, 0) == 0);
+    static uint8_t many[40000]; /* so long that it goes in lanes */
+    for (size_t i = 0; i < sizeof many; i++) many[i] = (uint8_t)random_bits(&seed);
+    for (size_t n = 12280; n < sizeof many; n += 1231)
+        CHECK_NUM(pbs_crc32c(7, many + n % 5, n - 5) == slow_crc(7, many + n % 5, n - 5), n);
 }
 
 TEST(wire_is_little_endian) {
