@@ -75,7 +75,7 @@ static uint32_t least(uint32_t a, uint32_t b) {
 }
 
 bool pbs_bricks_reserve(pbs_bricks *b, uint32_t n) {
-    if (b->rc) return false;
+    if (b->rc || !n) return !b->rc;
     uint32_t last = least(b->count + n, PBS_BRICKS) - 1;
     for (uint32_t i = b->count / PBS_BRICK_SLAB; i <= last / PBS_BRICK_SLAB; i++)
         if (!take(b, &b->brick[i], PBS_BRICK_SLAB, b->brick_bytes)) return false;

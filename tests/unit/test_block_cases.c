@@ -131,6 +131,17 @@ TEST(small_parts_are_kept) {
     drop(&r);
 }
 
+/* What lies in the layer around the block only is seen, and leaves nothing. */
+TEST(the_layer_alone) {
+    how h = plainly();
+    clear(&one);
+    int a = vertex(&one, -0.8, 20.1, 20.1), b = vertex(&one, -0.2, 20.9, 20.1);
+    triangle(&one, a, b, vertex(&one, -0.5, 20.5, 20.9));
+    result r = work(&h, &one.mesh);
+    CHECK(r.v.count == 0 && r.stats.fragments == 0 && r.stats.area == 0);
+    drop(&r);
+}
+
 TEST(borders_of_chunks_have_caps) {
     how h = plainly();
     clear(&one);
