@@ -105,7 +105,6 @@ static pbs_code check_voxels(pbs_voxel_check *v, member *m, const pbs_chunk *c, 
     if (rc) return rc;
     if (!m->voxels) m->place = place, m->index = index;
     if (!same_place(&m->place, &place)) return bad(v, c->node, "they are of several chunks", err);
-    if (place.level > place.levels) return bad(v, c->node, "no such level", err);
     const char *fault = pbs_voxels_fault(&place, &some, &m->last);
     if (fault) return bad(v, c->node, fault, err);
     uint64_t end = last_face(&some);

@@ -122,7 +122,7 @@ static const struct {
     {"no side", no_side, true, "no side of cells"},
     {"a child is moved", moved, true, "a child is moved"},
     {"a child twice", child_twice, true, "an eighth of it"},
-    {"another level", wrong_level, true, "no such level"},
+    {"another level", wrong_level, true, "a cell outside of the grid"},
     {"another eighth", other_eighth, false, "that their children make"},
     {"another chunk", wrong_chunk, true, "an eighth of it"},
 };
