@@ -3,6 +3,7 @@
 #include "cmd/tool.h"
 #include "formats/blocks.h"
 #include "formats/voxelstream.h"
+#include "libcore/fidelity.h"
 #include "libcore/pipe.h"
 #include <string.h>
 
@@ -10,7 +11,7 @@ typedef struct options {
     uint64_t resolution;
     const char *box;
     int orientation, per_face;
-    bool conservative, separating, bare, interior, ignore_missing, keep_going;
+    bool conservative, separating, bare, interior, ignore_missing, keep_going, measure;
 } options;
 
 static const char *const orientation_names[] = {"auto", "trust", "unknown", NULL};
@@ -37,6 +38,8 @@ static const pbs_option table[] = {
      "go on without textures that are not there", 0, 0, NULL, true},
     {0, "keep-going", PBS_FLAG, offsetof(options, keep_going), NULL,
      "leave out what fails, and end with status 65", 0, 0, NULL, true},
+    {0, "measure", PBS_FLAG, offsetof(options, measure), NULL,
+     "measure how far the voxels are from the surface", 0, 0, NULL, false},
 };
 
 static const pbs_tool tool = {"pbs-voxelize", "Turns a scene's surface into voxels", "[FILE]", 0, 1,
@@ -50,6 +53,7 @@ typedef struct item {
     uint32_t *faces;
     size_t face_count, face_cap;
     pbs_block_stats stats;
+    pbs_fidelity fidelity;
 } item;
 
 typedef struct job {
@@ -63,13 +67,15 @@ typedef struct job {
     pbs_surfaces *surfaces;
     pbs_block_params params;
     pbs_blocks *blocks;
-    pbs_block **block; /* one a thread */
+    pbs_block **block;            /* one a thread */
+    pbs_fidelity_block **measure; /* likewise, or NULL */
     item *items;
     int threads, item_count;
     pbs_writer *w;
     uint32_t channels;
     pbs_voxelstream stream;
     pbs_block_stats total;
+    pbs_fidelity fidelity;
     uint64_t block_count;
 } job;
 
@@ -97,6 +103,19 @@ static pbs_code keep(job *j, item *i, const pbs_voxels *v, const uint32_t *faces
     return PBS_OK;
 }
 
+static pbs_code measure_block(void *ctx, const pbs_mesh *mesh, const uint32_t *triangles,
+                              size_t count, const pbs_to_grid *to, pbs_sides sides, pbs_err *err) {
+    return pbs_fidelity_add(ctx, mesh, triangles, count, to, sides, err);
+}
+
+static pbs_code measure(job *j, item *i, int thread, const pbs_voxels *v, pbs_err *err) {
+    pbs_fidelity_block *f = j->measure[thread];
+    pbs_code rc = pbs_fidelity_begin(f, i->at, v, err);
+    if (!rc) rc = pbs_nearby_visit(i->near, measure_block, f, err);
+    if (!rc) pbs_fidelity_end(f, &i->fidelity);
+    return rc;
+}
+
 static pbs_code fill_block(void *ctx, void *slot, int thread, pbs_err *err) {
     job *j = ctx;
     item *i = slot;
@@ -107,6 +126,7 @@ static pbs_code fill_block(void *ctx, void *slot, int thread, pbs_err *err) {
     pbs_block_begin(b, i->at, j->grid.size);
     pbs_code rc = pbs_nearby_add(i->near, b, err);
     if (!rc) rc = pbs_block_end(b, &v, &faces, &n, &i->stats, err);
+    if (!rc && j->measure) rc = measure(j, i, thread, &v, err);
     pbs_nearby_free(i->near);
     i->near = NULL;
     return rc ? rc : keep(j, i, &v, faces, n, err);
@@ -134,6 +154,7 @@ static pbs_code take_block(void *ctx, void *slot, pbs_err *err) {
     item *i = slot;
     uint64_t side = UINT64_C(1) << pbs_voxel_levels(j->grid.size);
     add_up(&j->total, &i->stats);
+    pbs_fidelity_sum(&j->fidelity, &i->fidelity);
     j->block_count += i->voxels.count > 0;
     pbs_run_progress(&j->app->run, "voxelizing", morton(i->at), side * side * side * 64);
     return pbs_voxelstream_add(&j->stream, i->at, &i->voxels, i->faces, i->face_count, err);
@@ -212,6 +233,16 @@ static pbs_code set_up_params(job *j, pbs_err *err) {
     return rc;
 }
 
+/* An array of one for each thread, NULL so far. */
+static pbs_code one_each(job *j, void *out, pbs_err *err) {
+    pbs_code rc =
+        pbs_alloc(&j->app->run, out, (size_t)j->threads, sizeof(void *), "the blocks", err);
+    void *array;
+    memcpy(&array, out, sizeof array);
+    if (!rc) memset(array, 0, (size_t)j->threads * sizeof(void *));
+    return rc;
+}
+
 static pbs_code set_up_blocks(job *j, pbs_err *err) {
     pbs_run *run = &j->app->run;
     size_t lists = pbs_mem_left(run) / 8;
@@ -221,15 +252,20 @@ static pbs_code set_up_blocks(job *j, pbs_err *err) {
     j->item_count = 2 * run->threads;
     pbs_code rc =
         pbs_blocks_new(&j->scene, &j->grid, (pbs_orient)j->o->orientation, lists, &j->blocks, err);
-    if (!rc)
-        rc = pbs_alloc(run, &j->block, (size_t)j->threads, sizeof *j->block, "the blocks", err);
-    if (rc) return rc;
-    memset(j->block, 0, (size_t)j->threads * sizeof *j->block);
+    if (!rc) rc = one_each(j, &j->block, err);
     for (int i = 0; i < j->threads && !rc; i++)
         rc = pbs_block_new(run, &j->params, &j->block[i], err);
     if (!rc)
         rc = pbs_alloc(run, &j->items, (size_t)j->item_count, sizeof *j->items, "the blocks", err);
     if (!rc) memset(j->items, 0, (size_t)j->item_count * sizeof *j->items);
+    return rc;
+}
+
+static pbs_code set_up_measure(job *j, pbs_err *err) {
+    if (!j->o->measure) return PBS_OK;
+    pbs_code rc = one_each(j, &j->measure, err);
+    for (int i = 0; i < j->threads && !rc; i++)
+        rc = pbs_fidelity_new(&j->app->run, &j->measure[i], err);
     return rc;
 }
 
@@ -265,6 +301,15 @@ static pbs_code end_stream(job *j, pbs_err *err) {
     return rc ? rc : pbs_writer_commit(j->w, err);
 }
 
+static void add_measures(job *j) {
+    const pbs_fidelity *f = &j->fidelity;
+    pbs_stat_real(j->app, "distance_mean", f->distance_sum / (double)f->voxels * j->grid.voxel);
+    pbs_stat_real(j->app, "distance_max", f->distance_max * j->grid.voxel);
+    if (!(f->area > 0)) return;
+    pbs_stat_real(j->app, "normal_mean", f->normal_sum / f->area);
+    pbs_stat_real(j->app, "normal_max", f->normal_max);
+}
+
 static void add_stats(job *j) {
     pbs_app *app = j->app;
     char channels[256];
@@ -282,6 +327,7 @@ static void add_stats(job *j) {
         pbs_stat_real(app, "area", j->total.area * j->grid.voxel * j->grid.voxel);
         pbs_stat_real(app, "area_kept", j->total.kept * j->grid.voxel * j->grid.voxel);
     }
+    if (j->measure) add_measures(j);
     pbs_stat_count(app, "resolution", j->grid.size);
     pbs_stat_real(app, "voxel", j->grid.voxel);
     pbs_stat_count(app, "parts_oriented", parts.parts_known);
@@ -306,6 +352,8 @@ static void clean_up(job *j) {
     for (int i = 0; j->block && i < j->threads; i++) pbs_block_free(j->block[i]);
     pbs_free(run, j->items);
     pbs_free(run, j->block);
+    for (int i = 0; j->measure && i < j->threads; i++) pbs_fidelity_free(j->measure[i]);
+    pbs_free(run, j->measure);
     pbs_voxelstream_free(&j->stream);
     pbs_writer_close(j->w);
     pbs_blocks_free(j->blocks);
@@ -325,6 +373,7 @@ static pbs_code work(pbs_app *app, void *opt, pbs_err *err) {
     rc = choose_grid(&j, err);
     if (!rc) rc = set_up_params(&j, err);
     if (!rc) rc = set_up_blocks(&j, err);
+    if (!rc) rc = set_up_measure(&j, err);
     if (!rc) rc = open_writer(&j, err);
     if (!rc) rc = copy_materials(&j, err);
     if (!rc) rc = run_blocks(&j, err);

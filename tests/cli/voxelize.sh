@@ -70,3 +70,14 @@ done
 scene bad.obj bad
 status pbs-voxelize -r 64 bad.obj -o n.vox
 pbs-info --check n.vox >/dev/null && echo fine
+
+# Measures: the error is that of the resolution.
+scene s.obj sphere n=60
+pbs-voxelize -q -r 64 --measure s.obj --stats a.json -o a.vox
+pbs-voxelize -q -r 128 --measure s.obj --stats b.json -o b.vox
+pbs-voxelize -q -r 128 s.obj -o c.vox
+cmp b.vox c.vox && echo "measuring changes nothing"
+ratio=$(awk "BEGIN { print $(stat_of a.json distance_mean) / $(stat_of b.json distance_mean) }")
+holds "$ratio > 1.9 && $ratio < 2.15" "half a voxel, half the distance"
+holds "$(stat_of b.json distance_max) <= 0.51 * $(stat_of b.json voxel)" "at most half a voxel on a smooth surface"
+holds "$(stat_of b.json normal_mean) < $(stat_of a.json normal_mean)" "normals get better"
