@@ -100,11 +100,44 @@ static void neighbours(const pbs_bricks *k, uint32_t index, uint64_t out[6]) {
     }
 }
 
-static uint64_t choose(walk *w, uint64_t seen, uint64_t six, const uint64_t near[6]) {
+/* Whether none of the 26 cells around one is six-separating. Bits of a brick are in Morton order.
+ */
+static bool is_lonely(const pbs_bricks *k, uint32_t index, uint32_t cell) {
+    uint32_t brick[3] = {index % PBS_BRICK_ROW, index / PBS_BRICK_ROW % PBS_BRICK_ROW,
+                         index / (PBS_BRICK_ROW * PBS_BRICK_ROW)};
+    uint32_t at[3];
+    for (int a = 0; a < 3; a++) at[a] = 4 * brick[a] + (cell >> a & 1) + (cell >> (a + 2) & 2);
+    for (uint32_t i = 0; i < 27; i++) {
+        uint32_t to[3] = {at[0] + i % 3 - 1, at[1] + i / 3 % 3 - 1, at[2] + i / 9 - 1}, bit = 0;
+        for (int a = 0; a < 3; a++) bit |= (to[a] & 1) << a | (to[a] & 2) << (a + 2);
+        if (k->six[to[0] / 4 + PBS_BRICK_ROW * (to[1] / 4 + PBS_BRICK_ROW * (to[2] / 4))] >> bit &
+            1)
+            return false;
+    }
+    return true;
+}
+
+/* Of those without a neighbour: what is touched without any area in it is kept only if nothing is
+ * near at all. */
+static uint64_t orphans(const pbs_bricks *k, const pbs_brick *p, uint32_t index, uint64_t alone) {
+    uint64_t kept = alone;
+    for (uint64_t c = alone; c; c &= c - 1) {
+        uint32_t cell = (uint32_t)__builtin_ctzll(c);
+        const int64_t *r = pbs_record_at(k, p->record[cell]);
+        if (r[PBS_REC_FLAGS] & PBS_REC_BARE && !is_lonely(k, index, cell))
+            kept &= ~(UINT64_C(1) << cell);
+    }
+    return kept;
+}
+
+static uint64_t choose(walk *w, const pbs_brick *p, uint32_t index, uint64_t seen,
+                       const uint64_t near[6]) {
     pbs_cells cells = w->b->params.cells;
+    uint64_t six = w->b->bricks.six[index];
     if (cells == PBS_CELLS_CONSERVATIVE) return seen | six;
     if (cells == PBS_CELLS_SEPARATING) return six;
     uint64_t alone = seen & ~(six | near[0] | near[1] | near[2] | near[3] | near[4] | near[5]);
+    alone = orphans(&w->b->bricks, p, index, alone);
     w->orphans += (uint64_t)__builtin_popcountll(alone);
     return six | alone;
 }
@@ -170,7 +203,7 @@ static void put_brick(walk *w, uint32_t morton) {
     if (seen != p->seen && k->sums) count_beyond(w, p, p->seen & ~seen);
     w->touched += (uint64_t)__builtin_popcountll(seen);
     neighbours(k, index, hidden);
-    uint64_t voxels = choose(w, seen, k->six[index], hidden);
+    uint64_t voxels = choose(w, p, index, seen, hidden);
     for (int a = 0; a < 3; a++) corner[a] = w->corner[a] + 4 * (row[a] - 1);
     if (voxels) put_cells(w, p, index, voxels, corner, hidden);
 }

@@ -16,7 +16,8 @@ typedef struct shape {
     uint16_t index[3 * MOST];
     uint32_t material[MOST];
 } shape;
-static shape one, two;
+static shape one;
+static __attribute__((unused)) shape two;
 
 static uint64_t seed;
 static inline double uniform(void) {
