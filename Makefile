@@ -48,6 +48,8 @@ flags_image := -isystem /usr/include/Imath
 libs_image  := -lOpenImageIO -lOpenImageIO_Util -lz
 flags_exr   := -I/usr/include/OpenEXR -I/usr/include/Imath
 libs_exr    := -lOpenEXRCore
+flags_mend  := -frounding-math
+libs_mend   := -lmpfr -lgmp
 modules :=
 ifeq ($(call have,tiny_gltf.h draco/compression/decode.h nlohmann/json.hpp simdjson.h meshoptimizer.h,$(flags_gltf)),yes)
 modules += gltf
@@ -58,7 +60,10 @@ endif
 ifeq ($(call have,openexr.h,$(flags_exr)),yes)
 modules += exr
 endif
-missing := $(filter-out $(modules),gltf image exr)
+ifeq ($(call have,CGAL/Surface_mesh.h gmp.h mpfr.h,$(flags_mend)),yes)
+modules += mend
+endif
+missing := $(filter-out $(modules),gltf image exr mend)
 
 .PHONY: all test demo bench fuzz lint install clean deps
 .SECONDARY:
