@@ -84,7 +84,7 @@ typedef enum pbs_mend_count {
     PBS_MEND_HOLES,                /* closed border lines, before any is filled */
     PBS_MEND_HOLES_FILLED,
     PBS_MEND_FILLED_TRIANGLES,
-    PBS_MEND_INTERSECTIONS, /* pairs of triangles that meet in more than a common edge or corner */
+    PBS_MEND_INTERSECTIONS,  /* pairs of triangles that meet in more than a common edge or corner */
     PBS_MEND_NORMALS_TURNED, /* not by the module */
     PBS_MEND_COUNTS
 } pbs_mend_count;

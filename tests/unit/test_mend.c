@@ -374,7 +374,7 @@ TEST(idempotent) {
     pbs_mend_options options = {.fill = 8, .intersections = true};
     for (uint64_t seed = 0; seed < 12; seed++) {
         in.count = 0;
-        add_box(0, 0, 0, 3, seed > 5 ? 1 : -1);
+        add_box(0, 0, 0, 3, seed > 5 ? 0 : -1);
         add_box(3, 0, 0, 3, -1);
         add_box(1, 1, 1, 1, -1);
         if (seed == 0)
@@ -417,11 +417,11 @@ TEST(fin) {
 TEST(chaos) {
     NEED_MEND;
     pbs_mend_options options = {.fill = 6, .intersections = true};
-    for (uint64_t seed = 0; seed < 60; seed++) {
+    for (uint64_t seed = 0; seed < 40; seed++) {
         uint64_t state = seed;
         uint32_t side = 2 + seed % 4;
         in.count = 0;
-        while (in.count < 5 + (int)(seed * 5)) {
+        while (in.count < 5 + (int)(seed * 2)) {
             double p[3][3];
             for (int i = 0; i < 9; i++) p[i / 3][i % 3] = random_bits(&state) % side;
             add(p[0], p[1], p[2], 0);
@@ -444,17 +444,17 @@ TEST(limit) {
     NEED_MEND;
     add_box(0, 0, 0, 1, -1);
     pbs_scene s = scene_of(nowhere, 0);
+    size_t used = pbs_mem_used(&run);
     pbs_writer *w = spool_writer(&run, PBS_SCENE, NULL, 0);
     pbs_scene_writer *sw;
     must(pbs_scene_writer_new(&run, w, NULL, &sw, &err), &err);
-    size_t used = pbs_mem_used(&run);
-    run.mem_limit = used + 5000;
+    run.mem_limit = pbs_mem_used(&run) + 9000;
     CHECK(pbs_scene_mend(&s, &fill_none, sw, &got, &err) == PBS_LIMIT);
     CHECK(strstr(err.text, "the largest part") != NULL);
-    CHECK(pbs_mem_used(&run) == used);
     run.mem_limit = 0;
     pbs_scene_writer_free(sw);
     pbs_writer_close(w);
+    CHECK(pbs_mem_used(&run) == used);
     pbs_scene_close(&s);
 }
 
