@@ -37,7 +37,7 @@ formats := $(patsubst %.c,$(B)/obj/%.o,$(wildcard formats/*.c))
 tool    := $(patsubst %.c,$(B)/obj/%.o,$(filter-out cmd/pbs-%,$(wildcard cmd/*.c)))
 programs := $(patsubst cmd/%.c,$(B)/bin/%,$(wildcard cmd/pbs-*.c)) $(B)/bin/pbs-view $(B)/bin/pbs-build
 view    := $(patsubst %.c,$(B)/obj/%.o,$(wildcard cmd/pbs-view/*.c))
-unit    := $(patsubst tests/unit/%.c,$(B)/tests/%,$(wildcard tests/unit/*.c))
+unit    := $(patsubst tests/unit/%.c,$(B)/tests/%,$(wildcard tests/unit/*.c)) $(B)/tests/test_cgal
 benches := $(patsubst tests/bench/%.c,$(B)/tests/%,$(wildcard tests/bench/bench_*.c))
 
 # A module is built if its libraries are here; otherwise the build says so and goes on.
@@ -130,6 +130,13 @@ $(B)/tests/test_view $(B)/tests/test_draw: $(B)/tests/%: $(B)/obj/tests/unit/%.o
 $(B)/tests/%: $(B)/obj/tests/unit/%.o $(B)/libformats.a $(B)/libcore.a
 	@mkdir -p $(@D)
 	$(CC) $(ALLLDFLAGS) -o $@ $^ $(LDLIBS)
+# Compares with CGAL, and says so if that is not there.
+$(B)/obj/tests/oracle/%.o: tests/oracle/%.cpp Makefile
+	@mkdir -p $(@D)
+	$(CXX) $(ALLCXXFLAGS) $(flags_mend) -c -o $@ $<
+$(B)/tests/test_cgal: $(B)/obj/tests/oracle/test_cgal.o $(B)/libcore.a
+	@mkdir -p $(@D)
+	$(CXX) $(ALLLDFLAGS) -o $@ $^ $(if $(filter mend,$(modules)),$(libs_mend)) $(LDLIBS)
 $(B)/tests/bench_%: $(B)/obj/tests/bench/bench_%.o $(B)/obj/cmd/pbs-view/gl.o $(B)/libformats.a $(B)/libcore.a
 	@mkdir -p $(@D)
 	$(CC) $(ALLLDFLAGS) -o $@ $^ $(LDLIBS)
