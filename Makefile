@@ -48,7 +48,8 @@ flags_image := -isystem /usr/include/Imath
 libs_image  := -lOpenImageIO -lOpenImageIO_Util -lz
 flags_exr   := -I/usr/include/OpenEXR -I/usr/include/Imath
 libs_exr    := -lOpenEXRCore
-flags_mend  := -frounding-math
+# CGAL's intervals need their rounding; gcc sees in its headers what is not there.
+flags_mend  := -frounding-math -Wno-maybe-uninitialized
 libs_mend   := -lmpfr -lgmp
 modules :=
 ifeq ($(call have,tiny_gltf.h draco/compression/decode.h nlohmann/json.hpp simdjson.h meshoptimizer.h,$(flags_gltf)),yes)
