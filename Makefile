@@ -37,7 +37,7 @@ formats := $(patsubst %.c,$(B)/obj/%.o,$(wildcard formats/*.c))
 tool    := $(patsubst %.c,$(B)/obj/%.o,$(filter-out cmd/pbs-%,$(wildcard cmd/*.c)))
 programs := $(patsubst cmd/%.c,$(B)/bin/%,$(wildcard cmd/pbs-*.c)) $(B)/bin/pbs-view $(B)/bin/pbs-build
 view    := $(patsubst %.c,$(B)/obj/%.o,$(wildcard cmd/pbs-view/*.c))
-unit    := $(patsubst tests/unit/%.c,$(B)/tests/%,$(wildcard tests/unit/*.c))
+unit    := $(patsubst tests/unit/%.c,$(B)/tests/%,$(wildcard tests/unit/*.c)) $(B)/tests/test_cgal
 benches := $(patsubst tests/bench/%.c,$(B)/tests/%,$(wildcard tests/bench/bench_*.c))
 
 # A module is built if its libraries are here; otherwise the build says so and goes on.
@@ -48,6 +48,9 @@ flags_image := -isystem /usr/include/Imath
 libs_image  := -lOpenImageIO -lOpenImageIO_Util -lz
 flags_exr   := -I/usr/include/OpenEXR -I/usr/include/Imath
 libs_exr    := -lOpenEXRCore
+# CGAL's intervals need their rounding; gcc sees in its headers what is not there.
+flags_mend  := -frounding-math -Wno-maybe-uninitialized
+libs_mend   := -lmpfr -lgmp
 modules :=
 ifeq ($(call have,tiny_gltf.h draco/compression/decode.h nlohmann/json.hpp simdjson.h meshoptimizer.h,$(flags_gltf)),yes)
 modules += gltf
@@ -58,7 +61,10 @@ endif
 ifeq ($(call have,openexr.h,$(flags_exr)),yes)
 modules += exr
 endif
-missing := $(filter-out $(modules),gltf image exr)
+ifeq ($(call have,CGAL/Surface_mesh.h gmp.h mpfr.h,$(flags_mend)),yes)
+modules += mend
+endif
+missing := $(filter-out $(modules),gltf image exr mend)
 
 .PHONY: all test demo bench fuzz lint install clean deps
 .SECONDARY:
@@ -125,6 +131,13 @@ $(B)/tests/test_view $(B)/tests/test_draw $(B)/tests/test_draw_voxel: $(B)/tests
 $(B)/tests/%: $(B)/obj/tests/unit/%.o $(B)/libformats.a $(B)/libcore.a
 	@mkdir -p $(@D)
 	$(CC) $(ALLLDFLAGS) -o $@ $^ $(LDLIBS)
+# Compares with CGAL, and says so if that is not there.
+$(B)/obj/tests/oracle/%.o: tests/oracle/%.cpp Makefile
+	@mkdir -p $(@D)
+	$(CXX) $(ALLCXXFLAGS) $(flags_mend) -c -o $@ $<
+$(B)/tests/test_cgal: $(B)/obj/tests/oracle/test_cgal.o $(B)/libcore.a
+	@mkdir -p $(@D)
+	$(CXX) $(ALLLDFLAGS) -o $@ $^ $(if $(filter mend,$(modules)),$(libs_mend)) $(LDLIBS)
 $(B)/tests/bench_%: $(B)/obj/tests/bench/bench_%.o $(B)/obj/cmd/pbs-view/gl.o $(B)/libformats.a $(B)/libcore.a
 	@mkdir -p $(@D)
 	$(CC) $(ALLLDFLAGS) -o $@ $^ $(LDLIBS)

@@ -14,6 +14,7 @@ static struct module {
     {"gltf", "simdjson, tinygltf, Draco and meshoptimizer", NULL},
     {"image", "OpenImageIO", NULL},
     {"exr", "OpenEXR", NULL},
+    {"mend", "CGAL", NULL},
 };
 static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
 

@@ -18,7 +18,7 @@ extern "C" {
  * refused and not called. */
 #define PBS_MODULE_ABI                                                                             \
     ((int)(1000000 + 10000 * sizeof(pbs_run) + 100 * sizeof(pbs_sink) + sizeof(pbs_err) +          \
-           sizeof(pbs_exr_part)))
+           sizeof(pbs_exr_part) + sizeof(pbs_mend_job)))
 
 /* gltf.so: simdjson, tinygltf, Draco and meshoptimizer. */
 typedef struct pbs_module_gltf {
@@ -63,6 +63,47 @@ typedef struct pbs_module_exr {
                      pbs_code (*sink)(void *ctx, const pbs_exr_part *part, pbs_err *err), void *ctx,
                      pbs_err *err);
 } pbs_module_exr;
+
+/* mend.so: CGAL. One part, repaired: triangles are kept, turned round or dropped, and holes filled
+ * between corners that are there. No position changes. formats/mend.h does whole scenes. */
+typedef enum pbs_mend_fate {
+    PBS_MEND_KEPT,
+    PBS_MEND_FLIPPED,
+    PBS_MEND_DUPLICATE, /* of one that is kept: dropped */
+    PBS_MEND_DEGENERATE /* no area: dropped */
+} pbs_mend_fate;
+typedef enum pbs_mend_count {
+    PBS_MEND_CLOSED_BEFORE, /* 1: every edge is passed as often one way as the other */
+    PBS_MEND_CLOSED_AFTER,
+    PBS_MEND_FLIPPED_TRIANGLES,
+    PBS_MEND_DUPLICATE_TRIANGLES,
+    PBS_MEND_DEGENERATE_TRIANGLES,
+    PBS_MEND_NONMANIFOLD_EDGES,    /* of more than two triangles, without duplicates */
+    PBS_MEND_NONMANIFOLD_VERTICES, /* points that became several vertices */
+    PBS_MEND_UNORIENTABLE_EDGES,   /* where a surface of one side was cut */
+    PBS_MEND_HOLES,                /* closed border lines, before any is filled */
+    PBS_MEND_HOLES_FILLED,
+    PBS_MEND_FILLED_TRIANGLES,
+    PBS_MEND_INTERSECTIONS,  /* pairs of triangles that meet in more than a common edge or corner */
+    PBS_MEND_NORMALS_TURNED, /* not by the module */
+    PBS_MEND_COUNTS
+} pbs_mend_count;
+typedef struct pbs_mend_job {
+    const float *position; /* 9 a triangle, finite */
+    uint32_t triangles;
+    uint32_t fill;     /* holes of at most so many edges are filled; 0: none */
+    int intersections; /* count them */
+    uint8_t *fate;     /* out, 1 a triangle: the caller's array */
+    uint32_t *filled;  /* out, 3 a new triangle: corners 3 * triangle + 0, 1, 2. pbs_alloc(run) */
+    uint32_t filled_count;
+    uint64_t counts[PBS_MEND_COUNTS]; /* out */
+} pbs_mend_job;
+typedef struct pbs_module_mend {
+    int abi;
+    size_t per_triangle; /* bytes that mend needs at most for each */
+    /* Errors: PBS_LIMIT; PBS_DATA if CGAL gives up. */
+    pbs_code (*mend)(pbs_run *run, pbs_mend_job *job, pbs_err *err);
+} pbs_module_mend;
 
 /* *table points to the module's table, for as long as the program runs. counted: bytes that
  * opening it costs, counted in run. Errors: PBS_IO, "module gltf: not installed ...", PBS_LIMIT. */

@@ -36,6 +36,11 @@ typedef struct pbs_scene_options {
 pbs_code pbs_scene_writer_new(pbs_run *run, pbs_writer *w, const pbs_scene_options *options,
                               pbs_scene_writer **out, pbs_err *err);
 const pbs_sink *pbs_scene_sink(pbs_scene_writer *s);
+/* Instead of the sink's triangle, for one that was stored before with the same origin: nothing is
+ * rounded or left out (meshbuild.h). */
+struct pbs_vertex;
+pbs_code pbs_scene_stored(pbs_scene_writer *s, const struct pbs_vertex *corner, uint32_t material,
+                          pbs_err *err);
 /* After the reader is done: PBS_DATA "no triangles" if there are none. */
 pbs_code pbs_scene_writer_end(pbs_scene_writer *s, pbs_err *err);
 typedef struct pbs_scene_totals {

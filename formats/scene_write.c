@@ -140,6 +140,11 @@ static pbs_code triangle(void *ctx, const pbs_corner corner[3], uint32_t materia
     return pbs_builder_triangle(s->builder, corner, material, err);
 }
 
+pbs_code pbs_scene_stored(pbs_scene_writer *s, const pbs_vertex *corner, uint32_t material,
+                          pbs_err *err) {
+    return pbs_builder_stored(s->builder, corner, material, err);
+}
+
 static pbs_code write_meshes(pbs_scene_writer *s, uint32_t node, pbs_err *err) {
     pbs_mesh m;
     pbs_piece piece;
