@@ -20,8 +20,8 @@
  *                      neighbour along the longest axis of the normal, towards the plane, is always
  *                      six-separating. So they are needles, tips, and parts that are smaller than
  *                      a voxel, which would vanish else. Cells without any area
- *                      in them, touched at a corner or an edge, are not kept if a six-separating one
- *                      is among the 26 around them
+ *                      in them, touched at a corner or an edge, are not kept if a six-separating
+ * one is among the 26 around them
  */
 #ifndef PBS_GRID_H
 #define PBS_GRID_H
