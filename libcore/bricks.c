@@ -92,6 +92,7 @@ pbs_brick *pbs_brick_new(pbs_bricks *b, uint32_t index) {
     pbs_brick *p =
         (void *)(b->brick[b->count / PBS_BRICK_SLAB] + b->count % PBS_BRICK_SLAB * b->brick_bytes);
     memset(p, 0, b->brick_bytes);
+    p->index = index;
     b->count++;
     b->used[m / 64] |= UINT64_C(1) << m % 64;
     return b->at[index] = p;
