@@ -243,6 +243,19 @@ TEST(numbers_that_overflow) {
     CHECK(box_of_chain(0x1p1023, 0x1p1023, &box) == PBS_OK);
 }
 
+/* From corner to corner of the largest grid: only blocks along the needle come. */
+TEST(a_needle) {
+    maker m = new_scene();
+    begin_part(&m, 0, 0, 0);
+    put_triangle(&m, (const double[3][3]){{0, 0, 0}, {100, 99, 98}, {100, 99, 98.001}});
+    pbs_scene s = reopen(&m, end_part(&m));
+    pbs_grid g = {.min = {-1, -1, -1}, .voxel = 102.0 / PBS_GRID_MAX, .size = PBS_GRID_MAX};
+    uint64_t blocks;
+    CHECK(count_all(&s, &g, &blocks) == blocks);
+    CHECK_NUM(blocks > 1000 && blocks < 5000, blocks);
+    pbs_scene_close(&s);
+}
+
 /* Infinity with both signs, in a row that never becomes NaN: 2^60 placings that nothing is known
  * of, and none of which is anywhere. */
 TEST(a_bomb_of_infinities) {
