@@ -19,7 +19,8 @@
 /* The exact box of all placed vertices, in the scene's coordinates: that of pbs_scene_flatten, bit
  * for bit. Only what may make the box larger is looked at. triangles: with all instances,
  * UINT64_MAX if there are more; singular: placings of parts below a transform that cannot be
- * inverted. Errors: PBS_DATA if there is none, or not finite; PBS_LIMIT, PBS_CANCEL. */
+ * inverted. Errors: PBS_DATA if there is none, or not finite, or the numbers of more than 2^20
+ * placings overflow, of which none can be left out; PBS_LIMIT, PBS_CANCEL. */
 pbs_code pbs_scene_box(const pbs_scene *s, pbs_box *out, uint64_t *triangles, uint64_t *singular,
                        pbs_err *err);
 

@@ -126,4 +126,8 @@ static inline bool walk_is_mesh(const pbs_scene *s, uint32_t node) {
 }
 
 pbs_code walk_begin(pbs_blocks *b, size_t memory, pbs_err *err);
+
+/* Whether some triangle of a cluster may touch a cell of the octree, and the layer of one cell of
+ * the grid around it. */
+bool walk_cluster_touches(pbs_blocks *b, const walk_entry *e, const uint32_t at[3], uint32_t side);
 #endif

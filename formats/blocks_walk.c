@@ -42,6 +42,13 @@ static bool touches(const walk_entry *e, const uint32_t at[3], uint32_t side) {
     return true;
 }
 
+/* 2^span cells of the grid are as wide as a cell of the octree. */
+static unsigned span_of(uint32_t side) {
+    unsigned span = 6; /* of a block */
+    for (; side > 1; side /= 2) span++;
+    return span;
+}
+
 /* A list that is being made, at the end of the stack. */
 typedef struct making {
     pbs_blocks *b;
@@ -131,8 +138,7 @@ static void open_box(making *w, const walk_entry *e) {
 static pbs_code open_large(making *w, pbs_err *err) {
     pbs_blocks *b = w->b;
     size_t kept = w->f->begin;
-    unsigned span = 6; /* of a block */
-    for (uint32_t side = w->f->side; side > 1; side /= 2) span++;
+    unsigned span = span_of(w->f->side);
     for (size_t i = kept; i < w->end; i++) {
         walk_entry e = b->list[i];
         size_t end = w->end, places = b->places;
@@ -186,8 +192,13 @@ static pbs_code enter_child(pbs_blocks *b, uint32_t which, pbs_err *err) {
         f.at[k] = parent->at[k] + (which >> k & 1) * f.side;
         if (f.at[k] >= b->across) return PBS_OK;
     }
-    for (size_t i = parent->begin; i < parent->end; i++)
-        if (touches(&b->list[i], f.at, f.side)) b->list[f.end++] = b->list[i];
+    unsigned span = span_of(f.side);
+    for (size_t i = parent->begin; i < parent->end; i++) {
+        const walk_entry *e = &b->list[i];
+        if (!touches(e, f.at, f.side)) continue;
+        if (!e->level && e->span > span && !walk_cluster_touches(b, e, f.at, f.side)) continue;
+        b->list[f.end++] = *e;
+    }
     return enter(b, &f, err);
 }
 

@@ -12,7 +12,11 @@ typedef struct boxing {
     pbs_bound *bound;
     pbs_box box;
     pbs_pages pages;
+    uint64_t wild; /* placings whose numbers overflow, so far */
 } boxing;
+
+/* So many of them may be looked at one by one: nothing can be left out where nothing is known. */
+enum { WILD_MOST = 1 << 20 };
 
 static pbs_code box_mesh(void *ctx, size_t i, int thread, pbs_err *err) {
     boxing *b = ctx;
@@ -89,12 +93,26 @@ static pbs_code seek(boxing *b, int axis, bool up, pbs_err *err) {
     return rc;
 }
 
+static pbs_code too_large(const boxing *b, pbs_err *err) {
+    return pbs_fail(err, PBS_DATA, "%s: transforms blow the scene up beyond all numbers",
+                    pbs_reader_name(b->s->reader));
+}
+
+static bool is_wild(const pbs_bound *what, const double m[12]) {
+    pbs_box box = pbs_bound_placed(what, m);
+    for (int k = 0; k < 3; k++)
+        if (!isfinite(box.min[k]) || !isfinite(box.max[k])) return true;
+    return false;
+}
+
 static pbs_code visit(void *ctx, uint32_t node, const double m[12], uint32_t flags, bool *descend,
                       pbs_err *err) {
     boxing *b = ctx;
-    (void)flags, (void)err;
+    (void)flags;
     *descend = !pbs_bound_is_empty(&b->bound[node]) && !is_inside(b, &b->bound[node], m);
-    if (*descend) add_meshes(b, node, m);
+    if (!*descend) return PBS_OK;
+    if (is_wild(&b->bound[node], m) && b->wild++ == WILD_MOST) return too_large(b, err);
+    add_meshes(b, node, m);
     return PBS_OK;
 }
 
@@ -108,9 +126,7 @@ static pbs_code find(boxing *b, pbs_err *err) {
     if (pbs_box_is_empty(&b->box))
         return pbs_fail(err, PBS_DATA, "%s: transforms leave no finite vertex", name);
     for (int k = 0; k < 3; k++)
-        if (!isfinite(b->box.max[k] - b->box.min[k]))
-            return pbs_fail(err, PBS_DATA, "%s: transforms blow the scene up beyond all numbers",
-                            name);
+        if (!isfinite(b->box.max[k] - b->box.min[k])) return too_large(b, err);
     return PBS_OK;
 }
 

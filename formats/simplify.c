@@ -117,7 +117,8 @@ static pbs_code pass(reading *d, const pbs_chunk *c, const pbs_voxels *v, pbs_er
 }
 
 static pbs_code take_finest(reading *d, const pbs_chunk *c, const pbs_voxels *v, pbs_err *err) {
-    pbs_code rc = d->fate == NONE ? check_chunk(d, err) : PBS_OK;
+    bool first = d->have == v->count; /* lists of faces may have come before */
+    pbs_code rc = first ? check_chunk(d, err) : PBS_OK;
     if (rc) return rc;
     const char *fault = fault_of(&d->place, v);
     if (fault) return bad(d, fault, err);

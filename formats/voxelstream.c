@@ -103,7 +103,7 @@ static pbs_code take_faces(pbs_voxelstream *s, uint32_t *index, size_t n, const 
     for (size_t i = 0; i < n; i++) index[i] += (uint32_t)base;
     pbs_code rc = pbs_grow(s->run, &s->faces, &s->face_cap, s->face_count + face_count,
                            sizeof *s->faces, "the attributes of faces", err);
-    if (rc) return rc;
+    if (rc || !face_count) return rc;
     memcpy(s->faces + s->face_count, faces, face_count * sizeof *faces);
     s->face_count += face_count;
     return PBS_OK;

@@ -12,6 +12,7 @@
 #include "libcore/coarsen.h"
 #include "libcore/srgb.h"
 #include "libcore/vec.h"
+#include <float.h>
 #if defined(__SSE2__)
 #include <emmintrin.h>
 #endif
@@ -288,9 +289,13 @@ LANE void finish_places(pbs_cell_rows *out, size_t n) {
     }
 }
 
+/* What overflows stays a number. */
 LANE void finish_weights(const pbs_coarsen_block *b, pbs_cell_rows *out, size_t n) {
     const f4 *sum = out->sum[PBS_SUM_BASE] + out->n;
-    for (size_t g = 0; g < n; g++) out->v.weight[out->n + g] = sum[g][3] * b->weight_scale;
+    for (size_t g = 0; g < n; g++) {
+        float w = sum[g][3] * b->weight_scale;
+        out->v.weight[out->n + g] = w < FLT_MAX ? w : FLT_MAX;
+    }
 }
 
 LANE uint32_t encode4(const pbs_srgb_table *t, f4 v, bool linear) {

@@ -265,4 +265,21 @@ TEST(closed_surfaces_separate) {
     drop(&r);
 }
 
+/* Room for voxels is counted brick by brick, in the order in which these were taken. */
+TEST(bricks_know_their_place) {
+    how h = plainly();
+    pbs_run run = {.threads = 1};
+    clear(&one);
+    soup(&one, 50, 6, 30);
+    pbs_block *b = fresh(&run, &h);
+    pbs_block_begin(b, h.at, h.size);
+    feed(b, &h, &one.mesh);
+    CHECK(b->bricks.count > 10);
+    for (uint32_t i = 0; i < b->bricks.count; i++) {
+        const pbs_brick *p = pbs_brick_number(&b->bricks, i);
+        CHECK_NUM(b->bricks.at[p->index] == p, p->index);
+    }
+    pbs_block_free(b);
+}
+
 TEST_MAIN

@@ -19,9 +19,10 @@ typedef struct flat {
     const pbs_scene *s;
     placing *p;
     size_t count, cap;
-    uint64_t visited; /* pairs of a triangle and a block, as visited */
+    uint64_t visited; /* pairs of a triangle and a block that it touches, as visited */
     uint64_t digest;  /* of them, in any order */
     uint64_t block;
+    uint32_t at[3];
 } flat;
 
 static pbs_code collect(void *ctx, uint32_t node, const double m[12], uint32_t flags, bool *descend,
@@ -68,6 +69,35 @@ static void free_flat(flat *f) {
     free(f->p);
 }
 
+/* Whether a triangle surely touches what a block and the layer around it hold: what is left of it
+ * when all else is cut away. */
+static bool is_there(const flat *f, const placing *p, uint32_t t, const uint32_t at[3]) {
+    const pbs_mesh *m = &f->s->meshes[p->mesh];
+    double v[12][3], out[12][3];
+    int n = 3;
+    for (int i = 0; i < 3; i++)
+        for (int k = 0; k < 3; k++) {
+            const float *q = m->position + 3 * m->index[3 * t + (uint32_t)i];
+            const double *r = p->to.m + 3 * k;
+            v[i][k] = r[0] * q[0] + r[1] * q[1] + r[2] * q[2] + p->to.part[k] + p->to.whole[k];
+        }
+    for (int side = 0; side < 6; side++) {
+        int k = side / 2, left = 0;
+        double sign = side & 1 ? 1 : -1, end = at[k] + (side & 1 ? 65 - 1e-6 : -1 + 1e-6);
+        for (int i = 0; i < n; i++) {
+            const double *a = v[i], *b = v[(i + 1) % n];
+            double da = (end - a[k]) * sign, db = (end - b[k]) * sign;
+            if (da >= 0) memcpy(out[left++], a, sizeof *out);
+            if ((da >= 0) == (db >= 0)) continue;
+            for (int j = 0; j < 3; j++) out[left][j] = a[j] + da / (da - db) * (b[j] - a[j]);
+            out[left++][k] = end;
+        }
+        memcpy(v, out, (size_t)left * sizeof *out);
+        n = left;
+    }
+    return n > 0;
+}
+
 static pbs_code see(void *ctx, const pbs_mesh *mesh, const uint32_t *triangles, size_t count,
                     const pbs_to_grid *to, pbs_sides sides, pbs_err *e) {
     flat *f = ctx;
@@ -78,6 +108,7 @@ static pbs_code see(void *ctx, const pbs_mesh *mesh, const uint32_t *triangles, 
     CHECK(i < f->count);
     for (size_t t = 0; t < count && i < f->count; t++) {
         f->p[i].seen[triangles[t]]++;
+        if (!is_there(f, &f->p[i], triangles[t], f->at)) continue;
         f->visited++;
         uint64_t h = f->block * 1000003 + i;
         h = (h * 0x9e3779b97f4a7c15u ^ triangles[t]) * 0xe7037ed1a0b428dbu;
@@ -116,7 +147,7 @@ static void compare(flat *f, const double (*box)[6], const uint32_t at[3], uint6
         uint32_t n = f->s->meshes[p->mesh].triangles;
         for (uint32_t t = 0; t < n && p->group == i; t++) {
             const double *b = box[t];
-            *missing += !p->seen[t] && is_near(b, b + 3, at);
+            *missing += !p->seen[t] && is_near(b, b + 3, at) && is_there(f, p, t, at);
             *wrong += p->seen[t] && p->seen[t] != p->times;
             p->seen[t] = 0;
         }
@@ -168,6 +199,7 @@ static void walk(flat *f, const pbs_grid *g, size_t memory, const double (*box)[
         CHECK(here_code >= expected);
         expected = here_code + 1;
         f->block = here_code;
+        memcpy(f->at, at, sizeof at);
         must(pbs_nearby_visit(near, see, f, &err), &err);
         pbs_nearby_free(near);
         if (box) compare(f, box, at, &missing, &wrong);

@@ -243,6 +243,41 @@ TEST(numbers_that_overflow) {
     CHECK(box_of_chain(0x1p1023, 0x1p1023, &box) == PBS_OK);
 }
 
+/* From corner to corner of the largest grid: only blocks along the needle come. */
+TEST(a_needle) {
+    maker m = new_scene();
+    begin_part(&m, 0, 0, 0);
+    put_triangle(&m, (const double[3][3]){{0, 0, 0}, {100, 99, 98}, {100, 99, 98.001}});
+    pbs_scene s = reopen(&m, end_part(&m));
+    pbs_grid g = {.min = {-1, -1, -1}, .voxel = 102.0 / PBS_GRID_MAX, .size = PBS_GRID_MAX};
+    uint64_t blocks;
+    CHECK(count_all(&s, &g, &blocks) == blocks);
+    CHECK_NUM(blocks > 1000 && blocks < 5000, blocks);
+    pbs_scene_close(&s);
+}
+
+/* Infinity with both signs, in a row that never becomes NaN: 2^60 placings that nothing is known
+ * of, and none of which is anywhere. */
+TEST(a_bomb_of_infinities) {
+    static const double below[12] = {.9, -.1, .1, 1, -.1, .9, -.1, -1, .1, -.1, .9, 1};
+    static const double large[12] = {1e200, -1e200, 1e200, 1e200, 0, 1, 0, 0, 0, 0, 1, 0};
+    maker m = new_scene();
+    begin_part(&m, 1, 1, 1);
+    put_triangle(&m, (const double[3][3]){{1, 1, 1}, {2, 1, 1}, {1, 2, 1}});
+    uint32_t part = end_part(&m), node = part;
+    for (int i = 0; i < 62; i++) {
+        pbs_child c = {.node = node};
+        memcpy(c.m, i < 60 ? below : large, sizeof c.m);
+        if (i == 61) c.m[1] = c.m[2] = c.m[3] = 0;
+        node = i < 60 ? add_pair(&m, c, c) : add_assembly(&m, &c, 1);
+    }
+    pbs_scene s = reopen(&m, add_pair(&m, here(node), here(part)));
+    pbs_box box;
+    uint64_t triangles, singular;
+    CHECK(pbs_scene_box(&s, &box, &triangles, &singular, &err) == PBS_DATA);
+    pbs_scene_close(&s);
+}
+
 TEST(nothing_in_it) {
     maker m = new_scene();
     uint32_t part = cube(&m, WHOLE);

@@ -372,6 +372,60 @@ TEST(voxels_that_cannot_be_are_refused) {
     free(c.cell);
 }
 
+/* Two nodes of one voxel each, in the chunk at x. */
+static void refuses_chunks(const char *what, bool lists_first, const uint32_t size[2],
+                           const uint32_t x[2]) {
+    pbs_run run = {.threads = 1};
+    pbs_err err = {0};
+    pbs_writer *w = voxel_writer(&run, PBS_POSITION | PBS_FACE);
+    for (uint32_t i = 0; i < 2; i++) {
+        uint32_t at = PBS_PLACE(10 + i, 10, 10, PBS_FACE_X0), zero = 0, list = 7;
+        pbs_voxel_place place = {0, pbs_voxel_levels(size[i]), size[i], {x[i], 0, 0}};
+        pbs_voxels v = {.count = 1, .place = &at, .face = &zero};
+        const uint8_t corner[3] = {(uint8_t)(10 + i), 10, 10};
+        pbs_grid grid = {{0, 0, 0}, 1, size[i]};
+        pbs_node node = pbs_voxel_node(&grid, &place, i, 1, corner, corner);
+        if (lists_first) must(pbs_faces_write(w, i, false, &list, 1, 0, &err), &err);
+        must(pbs_voxels_write(w, i, &place, &v, 0, &err), &err);
+        if (!lists_first) must(pbs_faces_write(w, i, false, &list, 1, 0, &err), &err);
+        must(pbs_node_write(&run, w, &node, &err), &err);
+    }
+    blob in = take_bytes(w), out;
+    pbs_simplified s;
+    pbs_levels_params p = {1, 31};
+    CHECK(simplified(in, true, &p, &out, &s, &err) == PBS_DATA);
+    if (!strstr(err.text, what)) printf("# %s\n", err.text);
+    CHECK(strstr(err.text, what));
+    free(in.bytes), free(out.bytes);
+}
+
+TEST(chunks_are_checked_whether_voxels_or_lists_of_faces_come_first) {
+    for (int first = 0; first < 2; first++) {
+        refuses_chunks("another grid", first, (uint32_t[]){512, 1024}, (uint32_t[]){0, 3});
+        refuses_chunks("comes twice", first, (uint32_t[]){512, 512}, (uint32_t[]){1, 1});
+        refuses_chunks("Morton order", first, (uint32_t[]){512, 512}, (uint32_t[]){1, 0});
+    }
+}
+
+/* Sums of weights overflow; what is written is still a weight. */
+TEST(the_heaviest_weights_give_files_that_are_fine) {
+    cells c = {.size = 512};
+    for (uint32_t i = 0; i < 8; i++) {
+        cell *v = add_cell(&c, i & 1, i >> 1 & 1, i >> 2);
+        v->weight = 3e38f, v->mask = PBS_FACES_ALL;
+    }
+    stream_options o = {.channels = COLOURED};
+    blob in = stream_of(&c, &o), out = simplify(in, false, 1, 1);
+    pbs_run run = {.threads = 1};
+    pbs_input input;
+    pbs_checked checked;
+    pbs_err err = {0};
+    open_blob(&run, out, false, &input);
+    CHECK(!pbs_check_file(&run, &input, &checked, &err));
+    if (err.code) printf("# %s\n", err.text);
+    free(in.bytes), free(out.bytes), free(c.cell);
+}
+
 /* ---- streams for the command line ---- */
 
 static cells solid(uint32_t size) {

@@ -1,5 +1,5 @@
 /* The grid around a box, transforms to it, Morton numbers, packed normals, and voxels as bytes. */
-#include "formats/voxels.h"
+#include "formats/voxelstream.h"
 #include "libcore/grid.h"
 #include "tests/check.h"
 #include "tests/unit/support.h"
@@ -155,4 +155,25 @@ TEST(faults_are_found) {
     place[1] = PBS_PLACE(125, 0, 0, 1);
     CHECK(fault(at, v) != NULL);
 }
+/* Each voxel hides all faces of the other: there are lists of faces, but nothing in them. */
+TEST(voxels_without_any_face) {
+    pbs_err err = {0};
+    pbs_grid grid = {{0, 0, 0}, 1, 64};
+    const uint32_t channels = PBS_POSITION | PBS_FACE, at[3] = {0, 0, 0};
+    uint32_t place[2] = {PBS_PLACE(8, 8, 8, 0), PBS_PLACE(9, 8, 8, 0)}, face[2] = {0, 0};
+    pbs_voxels v = {.count = 2, .place = place, .face = face};
+    pbs_voxelstream s;
+    pbs_writer *w = spool_writer(&run, PBS_VOXELS, "place:u8x4 face:u32", 0);
+    pbs_voxelstream_begin(&s, &run, w, &grid, channels, false);
+    CHECK(!pbs_voxelstream_add(&s, at, &v, NULL, 0, &err));
+    CHECK(!pbs_voxelstream_end(&s, "", 0, &err) && s.voxels == 2);
+    pbs_voxelstream_free(&s);
+    pbs_input in;
+    pbs_checked found;
+    blob b = take_bytes(w);
+    open_blob(&run, b, false, &in);
+    CHECK(!pbs_check_file(&run, &in, &found, &err));
+    free(b.bytes);
+}
+
 TEST_MAIN
