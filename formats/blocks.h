@@ -6,8 +6,9 @@
  * down together with the DAG of nodes and the trees of boxes. What touches a cell of the octree is
  * a list of entries: a node that is placed, a mesh, some clusters of it. An entry that is larger
  * than the cell is opened, as long as the lists stay within their share of memory; what is not
- * opened there is opened for each block anew. So instances are never stored, and however many
- * triangles fall into one block, memory stays bounded; only time grows.
+ * opened there is opened for each block anew. A cluster that is larger stays only if some triangle
+ * of it touches the cell (blocks_touch.c): the box of a needle says nothing. So instances are never
+ * stored, and however many triangles fall into one block, memory stays bounded; only time grows.
  */
 #ifndef PBS_BLOCKS_H
 #define PBS_BLOCKS_H
@@ -49,7 +50,7 @@ typedef struct pbs_nearby pbs_nearby;
 
 /* The next block that some box touches (the block with the layer of one cell around it): its lower
  * corner in cells, and what touches it, which is the caller's until pbs_nearby_free and goes before
- * the pbs_blocks does. *end: there is no more. Which blocks have triangles, and which ones, does
+ * the pbs_blocks does. *end: there is no more. Which blocks triangles touch, and which ones, does
  * not depend on memory; a block that only boxes touch may come or not. One thread at a time.
  * Errors: PBS_LIMIT, PBS_CANCEL; the walk is over then. */
 pbs_code pbs_blocks_next(pbs_blocks *b, uint32_t at[3], pbs_nearby **near, bool *end, pbs_err *err);

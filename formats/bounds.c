@@ -27,16 +27,10 @@ static double most(double a, double b) {
 static void add_below(pbs_bound *b, const pbs_bound *below, const double m[12]) {
     if (pbs_bound_is_empty(below)) return;
     for (int r = 0; r < 3; r++) {
-        double middle = m[4 * r + 3], half = 0, reach = fabs(m[4 * r + 3]);
-        for (int c = 0; c < 3; c++) {
-            double x = m[4 * r + c];
-            middle += x * (below->box.min[c] / 2 + below->box.max[c] / 2);
-            half += fabs(x) * (below->box.max[c] / 2 - below->box.min[c] / 2);
-            reach += fabs(x) * below->reach[c];
-        }
-        b->box.min[r] = least(middle - half, b->box.min[r]);
-        b->box.max[r] = most(middle + half, b->box.max[r]);
-        b->reach[r] = most(reach, b->reach[r]);
+        pbs_bound_axis a = pbs_bound_along(below, m + 4 * r);
+        b->box.min[r] = least(a.middle - a.half, b->box.min[r]);
+        b->box.max[r] = most(a.middle + a.half, b->box.max[r]);
+        b->reach[r] = most(a.reach, b->reach[r]);
     }
     b->height = below->height + 1 > b->height ? below->height + 1 : b->height;
 }

@@ -28,21 +28,30 @@ bool pbs_bound_is_empty(const pbs_bound *b);
 /* The bound of a mesh, or of some of its triangles, in part coordinates. */
 pbs_bound pbs_bound_of(const float box[6]);
 
-/* The padded box of what m places. A coordinate may be NaN or infinite if numbers overflow; then
- * nothing is known of it: compare so that NaN counts as touching. */
+/* What a row of m makes of a bound, not padded. */
+typedef struct pbs_bound_axis {
+    double middle, half, reach;
+} pbs_bound_axis;
+static inline pbs_bound_axis pbs_bound_along(const pbs_bound *b, const double row[4]) {
+    pbs_bound_axis a = {row[3], 0, fabs(row[3])};
+    for (int c = 0; c < 3; c++) {
+        a.middle += row[c] * (b->box.min[c] / 2 + b->box.max[c] / 2);
+        a.half += fabs(row[c]) * (b->box.max[c] / 2 - b->box.min[c] / 2);
+        a.reach += fabs(row[c]) * b->reach[c];
+    }
+    return a;
+}
+
+/* The padded box of what m places; 2^-1020 is for what underflows. A coordinate may be NaN or
+ * infinite if numbers overflow; then nothing is known of it: compare so that NaN counts as
+ * touching. */
 static inline pbs_box pbs_bound_placed(const pbs_bound *b, const double m[12]) {
     pbs_box out;
     for (int r = 0; r < 3; r++) {
-        double middle = m[4 * r + 3], half = 0, reach = fabs(m[4 * r + 3]);
-        for (int c = 0; c < 3; c++) {
-            double x = m[4 * r + c];
-            middle += x * (b->box.min[c] / 2 + b->box.max[c] / 2);
-            half += fabs(x) * (b->box.max[c] / 2 - b->box.min[c] / 2);
-            reach += fabs(x) * b->reach[c];
-        }
-        half += (b->height + 2) * 0x1p-48 * reach + 0x1p-1020; /* and what underflows */
-        out.min[r] = middle - half;
-        out.max[r] = middle + half;
+        pbs_bound_axis a = pbs_bound_along(b, m + 4 * r);
+        double half = a.half + (b->height + 2) * 0x1p-48 * a.reach + 0x1p-1020;
+        out.min[r] = a.middle - half;
+        out.max[r] = a.middle + half;
     }
     return out;
 }
