@@ -53,6 +53,7 @@ static void clip_edges(clip_job *job) {
             far = fabs(job->p[e][k]) > far ? fabs(job->p[e][k]) : far;
         }
     job->margin = far * 0x1p-46;
+    clip_walls_set(job);
 }
 
 /* The ends along k. */

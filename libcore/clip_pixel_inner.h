@@ -159,10 +159,13 @@ LANE void pixel_masses(const pixel_four *f, bool edges, bool centroids, mass4 ce
     cell[2] = cuts == 2 ? mass_less(sum[0], sum[2]) : zero;
 }
 
+/* Of the cells first .. first + 2 above four pixels, [cell][pixel]. Bits of masks are in that
+ * order, from the cell below the first on to the one above the last. */
 typedef struct pixel_result {
-    double area[3][4], low[4], high[4], first[4];
+    double area[3][4];
     float u[3][4], v[3][4];
-    int64_t crowded[4];
+    uint32_t sure, maybe, crowded; /* certainly touched; perhaps; pixels left to clip_cell */
+    int first[4];
 } pixel_result;
 
 /* From places in the pixels to places in the triangle. */
@@ -176,28 +179,62 @@ LANE void pixel_place(const clip_job *job, const mass4 *m, d4 u, d4 v, float out
     put_place(outu, outv, to[0] * x + to[1] * y, to[2] * x + to[3] * y);
 }
 
-static void pixel_emit(const clip_job *job, const int8_t at[2], const pixel_result *r, int lane,
-                       bool edges) {
-    double level = job->level, margin = job->even ? 0 : job->margin;
-    int first = clip_floor(level + r->first[lane]);
-    int from = clip_floor(r->low[lane] - margin) + (int)level;
-    int to = clip_floor(r->high[lane] + margin) + (int)level;
-    from = from < job->lowest ? job->lowest : from, to = to < job->highest ? to : job->highest;
-    for (int k = from; k <= to; k++) {
-        int place[3] = {at[0], at[1], k}, cell[3], o = k - first;
-        if (r->crowded[lane]) {
+/* Which cells the plane passes, and are in the block; which of them hold certainly a piece. */
+LANE void pixel_cells(const clip_job *job, const pixel_four *f, int count, d4 low, d4 high,
+                      pixel_result *r) {
+    double margin = job->even ? 0 : job->margin;
+    d4 from = floor4(low - margin), to = floor4(high + margin);
+    d4 lowest = max4(from, all4(job->lowest - job->level));
+    d4 highest = min4(to, all4(job->highest - job->level));
+    uint32_t pixels = (1u << count) - 1;
+    r->crowded = bits4(f->crowded) & pixels, r->sure = r->maybe = 0;
+    UNROLL
+    for (int o = -1; o <= 3; o++) {
+        d4 at = f->first + o;
+        uint32_t in = bits4((l4)(at >= lowest) & (l4)(at <= highest)) & pixels, sure = 0;
+        if (o >= 0 && o < 3)
+            sure = in & ~r->crowded & bits4((l4)(at4(r->area[o]) > 32 * job->margin));
+        r->sure |= sure << 4 * (o + 1), r->maybe |= (in & ~sure) << 4 * (o + 1);
+    }
+    i4 first = __builtin_convertvector(f->first + job->level, i4);
+    memcpy(r->first, &first, sizeof first);
+}
+
+/* What is doubtful: a piece of next to nothing, or a pixel left to clip_cell. */
+static void pixel_emit_maybe(const clip_job *job, clip_pixels *px, const pixel_result *r,
+                             bool edges) {
+    for (uint32_t bits = r->maybe; bits; bits &= bits - 1) {
+        int i = __builtin_ctz(bits), o = i / 4 - 1, lane = i % 4, cell[3];
+        const int place[3] = {px->at[lane][0], px->at[lane][1], r->first[lane] + o};
+        if (clip_apart(&job->walls, place)) continue;
+        if (r->crowded >> lane & 1) {
             clip_cell(job, place);
             continue;
         }
         cell[job->u] = place[0], cell[job->v] = place[1], cell[job->w] = place[2];
-        double area = o >= 0 && o < 3 ? r->area[o][lane] : 0;
-        if (area <= 32 * job->margin &&
-            !(edges ? pbs_clip_meets(job->corner, cell) : pbs_clip_meets_plane(job->corner, cell)))
+        if (!(edges ? pbs_clip_meets(job->corner, cell) : pbs_clip_meets_plane(job->corner, cell)))
             continue;
         bool known = o >= 0 && o < 3;
-        clip_put(job->out, PBS_CELL(cell[0], cell[1], cell[2]), job->triangle, area,
-                 known ? r->u[o][lane] : 0, known ? r->v[o][lane] : 0);
+        clip_put(job->out, PBS_CELL(cell[0], cell[1], cell[2]), job->triangle,
+                 known ? r->area[o][lane] : 0, known ? r->u[o][lane] : 0,
+                 known ? r->v[o][lane] : 0);
     }
+}
+
+static void pixel_emit(const clip_job *job, clip_pixels *px, const pixel_result *r, bool edges) {
+    pbs_fragments *out = job->out;
+    uint32_t step[3] = {1u << 7 * job->u, 1u << 7 * job->v, 1u << 7 * job->w}, cell[4];
+    for (int i = 0; i < 4; i++)
+        cell[i] = PBS_CELL(0, 0, 0) + (uint32_t)px->at[i][0] * step[0] +
+                  (uint32_t)px->at[i][1] * step[1] + (uint32_t)r->first[i] * step[2];
+    if (out->count + 12 >= PBS_FRAGMENTS) out->flush(out->ctx, out);
+    for (uint32_t bits = r->sure >> 4; bits; bits &= bits - 1) {
+        int i = __builtin_ctz(bits);
+        out->fragment[out->count++] =
+            (pbs_fragment){cell[i % 4] + (uint32_t)(i / 4) * step[2], job->triangle, r->area[0][i],
+                           r->u[0][i], r->v[0][i]};
+    }
+    if (r->maybe) pixel_emit_maybe(job, px, r, edges);
 }
 
 LANE void pixel_flush_as(const clip_job *job, clip_pixels *px, bool edges, bool centroids) {
@@ -226,9 +263,8 @@ LANE void pixel_flush_as(const clip_job *job, clip_pixels *px, bool edges, bool 
         else
             memset(r.u[k], 0, sizeof r.u[k]), memset(r.v[k], 0, sizeof r.v[k]);
     }
-    put4(r.low, low), put4(r.high, high), put4(r.first, f.first);
-    memcpy(r.crowded, &f.crowded, sizeof r.crowded);
-    for (int i = 0; i < px->count; i++) pixel_emit(job, px->at[i], &r, i, edges);
+    pixel_cells(job, &f, px->count, low, high, &r);
+    pixel_emit(job, px, &r, edges);
     px->count = 0;
 }
 
