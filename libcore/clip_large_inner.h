@@ -96,13 +96,14 @@ static void clip_large(const double corner[3][3], uint32_t triangle, bool centro
     job.inside = w.low >= 0 && w.high < PBS_BLOCK;
     job.lowest = clip_cell_in_block(w.low), job.highest = clip_cell_in_block(w.high);
     int last = clip_cell_in_block(v.high);
-    clip_sides sides;
-    clip_row row;
-    clip_sides_set(&sides, &job);
-    for (int j = clip_cell_in_block(v.low); j <= last; j++) {
-        if (!clip_row_find(&job, &sides, j, &row)) continue;
-        if (!narrow) pixel_row(&job, &row, j, px);
-        for (int i = row.from; i <= row.to && narrow; i++) clip_pixel(&job, i, j);
+    clip_side side[3];
+    clip_rows rows;
+    clip_sides_set(side, &job);
+    for (int begin = clip_cell_in_block(v.low), j = begin; j <= last; j++) {
+        int r = (j - begin) % 4;
+        if (r == 0) clip_rows_find(&job, side, j, &rows);
+        if (!narrow) pixel_row(&job, &rows, r, j, px);
+        for (int i = rows.from[r]; i <= rows.to[r] && narrow; i++) clip_pixel(&job, i, j);
     }
     pixel_flush(&job, &px[0], true);
     pixel_flush(&job, &px[1], false);

@@ -304,8 +304,8 @@ static void pixel_squares(const clip_job *job, int j, int from, int to) {
             clip_put(job->out, cell, job->triangle, 1, 0, 0);
 }
 
-static void pixel_row(const clip_job *job, const clip_row *row, int j, clip_pixels px[2]) {
-    int from = row->from, to = row->to, low = row->low, high = row->high;
+static void pixel_row(const clip_job *job, const clip_rows *rows, int r, int j, clip_pixels px[2]) {
+    int from = rows->from[r], to = rows->to[r], low = rows->low[r], high = rows->high[r];
     for (int i = from; i < low; i++) pixel_add(job, &px[0], i, j, true);
     if (job->even) pixel_squares(job, j, low, high);
     for (int i = low; i < high && !job->even; i++) pixel_add(job, &px[1], i, j, false);

@@ -213,19 +213,4 @@ static void clip_pixel(const clip_job *job, int i, int j) {
         if (!clip_apart(&job->walls, place)) clip_cell(job, place);
     }
 }
-
-/* Cuts a row to where the plane is in the block. Slopes that make no difference within it are left
- * to the pixels. */
-static void clip_row_in_block(const clip_job *job, int j, clip_range *r) {
-    double g = job->slope[0], h = job->slope[1];
-    double low = clip_height(job, 0, j) + (h < 0 ? h : 0) - job->margin;
-    double high = clip_height(job, 0, j) + (h > 0 ? h : 0) + job->margin;
-    if (fabs(g) < 0x1p-20) {
-        if (low > PBS_BLOCK + 1 || high < -1) *r = (clip_range){INFINITY, -INFINITY};
-        return;
-    }
-    double x = (g > 0 ? -high : PBS_BLOCK - low) / g, y = (g > 0 ? PBS_BLOCK - low : -high) / g;
-    r->low = x - 1 > r->low ? x - 1 : r->low;
-    r->high = y + 1 < r->high ? y + 1 : r->high;
-}
 #endif
