@@ -93,6 +93,7 @@ static void clip_large(const double corner[3][3], uint32_t triangle, bool centro
     clip_pixels px[2]; /* on edges, covered */
     px[0].count = px[1].count = 0;
     clip_range v = clip_ends(&job, 1), w = clip_ends(&job, 2);
+    job.low = w.low, job.high = w.high;
     job.inside = w.low >= 0 && w.high < PBS_BLOCK;
     job.lowest = clip_cell_in_block(w.low), job.highest = clip_cell_in_block(w.high);
     int last = clip_cell_in_block(v.high);
@@ -105,6 +106,7 @@ static void clip_large(const double corner[3][3], uint32_t triangle, bool centro
         if (!narrow) pixel_row(&job, &rows, r, j, px);
         for (int i = rows.from[r]; i <= rows.to[r] && narrow; i++) clip_pixel(&job, i, j);
     }
+    pixel_join(px);
     pixel_flush(&job, &px[0], true);
     pixel_flush(&job, &px[1], false);
 }

@@ -35,7 +35,7 @@ LANE d4 pixel_most(const d4 x[4]) {
     return max4(max4(x[0], x[1]), max4(x[2], x[3]));
 }
 LANE bool any4(l4 mask) {
-    return (mask[0] | mask[1] | mask[2] | mask[3]) != 0;
+    return bits4(mask) != 0;
 }
 
 LANE void pixel_edges(const clip_job *job, d4 u, d4 v, pixel_four *f) {
@@ -251,6 +251,10 @@ LANE void pixel_flush_as(const clip_job *job, clip_pixels *px, bool edges, bool 
     pixel_corners((job->p[0][2] - job->level) + (g * (u - job->p[0][0]) + h * (v - job->p[0][1])),
                   g, h, f.height);
     d4 low = pixel_least(f.height), high = pixel_most(f.height);
+    if (edges) { /* the plane goes on beyond the triangle's ends */
+        low = min4(max4(low, all4(job->low - job->level)), all4(job->high - job->level));
+        high = max4(min4(high, all4(job->high - job->level)), low);
+    }
     f.first = floor4(low);
     f.cut = any4((l4)(high > f.first + 1)), f.cut2 = any4((l4)(high > f.first + 2));
     if (edges) pixel_edges(job, u, v, &f);
@@ -287,6 +291,13 @@ static void pixel_flush(const clip_job *job, clip_pixels *px, bool edges) {
 static inline void pixel_add(const clip_job *job, clip_pixels *px, int i, int j, bool edges) {
     px->at[px->count][0] = (int8_t)i, px->at[px->count++][1] = (int8_t)j;
     if (px->count == 4) pixel_flush(job, px, edges);
+}
+
+/* Few pixels that are covered are cut as if they were on edges: one vector of pixels, not two. */
+static inline void pixel_join(clip_pixels px[2]) {
+    if (px[0].count == 0 || px[0].count + px[1].count > 4) return;
+    memcpy(px[0].at[px[0].count], px[1].at, sizeof px[1].at[0] * (size_t)px[1].count);
+    px[0].count += px[1].count, px[1].count = 0;
 }
 
 /* Pixels that are covered, of a triangle across the axis: whole squares. */

@@ -26,6 +26,7 @@ typedef struct clip_job {
     bool flat;                           /* no area: p is a segment or a point */
     bool even;                           /* w is the same everywhere */
     bool inside;                         /* all of w is in the block */
+    double low, high;                    /* ends along w */
     double level;                        /* a whole number near p[0][2] */
     double stretch;                      /* area of what has area 1 as seen */
     double place[4];     /* rows: from a place as seen, from corner 0, to a centroid's u and v */
