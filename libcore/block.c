@@ -79,28 +79,44 @@ LANE void add_extras(int64_t *to, uint32_t n, int64_t area, const int32_t *value
     for (uint32_t i = 0; i < n; i++) to[i] += area * value[i];
 }
 
+/* Where a fragment is added. Found for some before any of these is added, so that records come from
+ * memory side by side. */
+typedef struct spot {
+    int64_t *record; /* NULL: the triangle is not there */
+    uint32_t code;
+    bool fresh;
+} spot;
+
+LANE void find_spot(pbs_block *b, const pbs_fragment *f, bool general, spot *out) {
+    pbs_bricks *k = &b->bricks;
+    out->record = NULL;
+    if (general && b->asks >> f->triangle & 1 && !pbs_block_keeps(b, f->triangle, f->cell)) return;
+    uint32_t code = out->code = pbs_bricks_code(k, f->cell);
+    pbs_brick *p = pbs_bricks_get(k, code);
+    out->fresh = !p->record[code & 63];
+    out->record = pbs_brick_record(k, p, code & 63);
+    __builtin_prefetch(out->record, 1);
+}
+
 /* general false: the triangle's normal and values are the fragment's. Returns its area. */
-LANE int64_t put(pbs_block *b, const pbs_fragment *f, bool general) {
+LANE int64_t put(pbs_block *b, const pbs_fragment *f, const spot *at, bool general) {
     pbs_bricks *k = &b->bricks;
     uint32_t t = f->triangle, slot = b->batch.slot[t];
     double own[4];
     int32_t varied[PBS_EXTRAS];
     const double *unit = b->batch.unit[t];
     const int32_t *value = b->value[t];
+    int64_t *record = at->record;
     if (general) {
-        if (b->asks >> t & 1 && !pbs_block_keeps(b, t, f->cell)) return 0;
+        if (!record) return 0;
         if (b->placing.mesh->normal) slot = smooth(b, f, own), unit = own;
         if (b->varies >> t & 1) values(b, f, varied), value = varied;
     }
-    uint32_t code = pbs_bricks_code(k, f->cell);
-    pbs_brick *p = pbs_bricks_get(k, code);
-    bool fresh = !p->record[code & 63];
-    int64_t *record = pbs_brick_record(k, p, code & 63);
     d4 each = *(const d4_at *)(const void *)unit, v = f->area * each;
     l4 q = whole(&v);
     int64_t area = lrint(f->area * PBS_UNIT), weight = area, before = record[PBS_REC_AREA];
     if (__builtin_expect(!area || record[PBS_REC_FLAGS] & PBS_REC_BARE, 0)) {
-        bool counts = touch(k, record, fresh, !area);
+        bool counts = touch(k, record, at->fresh, !area);
         q = !counts ? q & 0 : area ? q : whole(&each);
         weight = !counts ? 0 : area ? area : (int64_t)PBS_UNIT;
     }
@@ -111,20 +127,33 @@ LANE int64_t put(pbs_block *b, const pbs_fragment *f, bool general) {
     if (__builtin_expect(before + weight > b->wide_at, 0)) pbs_record_widen(k, record);
     if (general && b->params.per_face)
         pbs_face_sums_add(
-            &b->face_sums, code, b->material[t], b->batch.faces[t], area,
+            &b->face_sums, at->code, b->material[t], b->batch.faces[t], area,
             (double[3]){b->batch.normal[0][t], b->batch.normal[1][t], b->batch.normal[2][t]},
             value);
     return area;
 }
 
+LANE int64_t put_all(pbs_block *b, const pbs_fragments *f, bool general) {
+    enum { TOGETHER = 8 };
+    spot at[TOGETHER];
+    int64_t area = 0;
+    for (uint32_t i = 0; i < f->count; i += TOGETHER) {
+        const pbs_fragment *from = &f->fragment[i];
+        uint32_t n = f->count - i < TOGETHER ? f->count - i : TOGETHER;
+        for (uint32_t j = 0; j < n; j++) find_spot(b, &from[j], general, &at[j]);
+        for (uint32_t j = 0; j < n; j++) area += put(b, &from[j], &at[j], general);
+    }
+    return area;
+}
+
 static void flush_fragments(void *ctx, pbs_fragments *f) {
     pbs_block *b = ctx;
-    int64_t area = 0;
+    int64_t area;
     if (!pbs_bricks_reserve(&b->bricks, f->count)) f->count = 0;
     if (b->general)
-        for (uint32_t i = 0; i < f->count; i++) area += put(b, &f->fragment[i], true);
+        area = put_all(b, f, true);
     else
-        for (uint32_t i = 0; i < f->count; i++) area += put(b, &f->fragment[i], false);
+        area = put_all(b, f, false);
     b->area += area;
     b->fragment_count += f->count;
     f->count = 0;

@@ -191,6 +191,24 @@ static void put_faces(pbs_block *b, size_t n, uint32_t colour) {
     }
 }
 
+static void put_rest(pbs_block *b, size_t i, size_t end) {
+    for (; i < end; i++) {
+        uint32_t colour = 0;
+        if (b->extras) put_extras(b, i, &colour);
+        if (b->params.per_face) put_faces(b, i, colour);
+    }
+}
+
+/* Many blocks' records are more than the processor keeps near. */
+LANE void ask_ahead(const pbs_block *b, size_t i) {
+    const pbs_chosen *c = b->out.chosen;
+    size_t end = i + 20 < b->out.voxels.count ? i + 20 : b->out.voxels.count;
+    for (i += 16; i < end; i++) {
+        __builtin_prefetch(c[i].record);
+        __builtin_prefetch(c[i].record + b->bricks.numbers - 1);
+    }
+}
+
 pbs_code pbs_block_means(pbs_block *b, __int128 *kept, pbs_err *err) {
     pbs_block_out *o = &b->out;
     size_t n = o->voxels.count;
@@ -203,13 +221,13 @@ pbs_code pbs_block_means(pbs_block *b, __int128 *kept, pbs_err *err) {
     if (b->params.per_face)
         rc = pbs_grow(b->run, &o->faces, &o->face_cap, 6 * n, 4, "attributes of faces", err);
     if (rc) return rc;
-    size_t i = 0;
-    for (; i + 4 <= n; i += 4) put_four(b, i, 4, kept);
-    if (i < n) put_four(b, i, n - i, kept);
-    for (i = 0; i < n && (b->extras || b->params.per_face); i++) {
-        uint32_t colour = 0;
-        if (b->extras) put_extras(b, i, &colour);
-        if (b->params.per_face) put_faces(b, i, colour);
+    for (size_t i = 0; i < n; i += 4) {
+        ask_ahead(b, i);
+        if (i + 4 <= n)
+            put_four(b, i, 4, kept);
+        else
+            put_four(b, i, n - i, kept);
+        if (b->extras || b->params.per_face) put_rest(b, i, i + 4 <= n ? i + 4 : n);
     }
     return rc;
 }

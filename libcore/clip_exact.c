@@ -10,18 +10,30 @@
 
 /* Below this part of the sum of its terms' sizes, the sign of a rounded expression is not certain.
  * Differences of coordinates are exact; a comparison has at most a dozen roundings after that. */
-static const double doubt = 0x1p-48;
+static const double little = 0x1p-48;
 
 typedef enum verdict { APART, UNKNOWN, TOGETHER } verdict;
 
-/* a < b is APART, a > b TOGETHER, up to an error of size. */
-static verdict compare(double a, double b, double size) {
-    double d = a - b;
-    return d < -doubt * size ? APART : d > doubt * size ? TOGETHER : UNKNOWN;
+/* Whether doubles make no error: at most 2^16 units of 2^-6, which a normal's product with a place
+ * has 51 bits of. Lattices often are such, and what lies on them leaves nothing to bounds. */
+static bool is_plain(double q[3][3]) {
+    for (int i = 0; i < 9; i++) {
+        double x = q[i / 3][i % 3];
+        if (!(fabs(x) < 512) || (int)(x * 64) != x * 64) return false;
+    }
+    return true;
 }
 
-/* q: corners from the cell's. Axis across edge e in the plane of the axes a, b. */
-static verdict edge_rounded(double q[3][3], int e, int a, int b) {
+/* a < b is APART, a > b TOGETHER, up to an error; without one, an end of the box may be open. */
+static verdict compare(double a, double b, double error, bool open) {
+    double d = a - b;
+    if (error == 0 && d == 0) return open ? APART : TOGETHER;
+    return d < -error ? APART : d > error ? TOGETHER : UNKNOWN;
+}
+
+/* q: corners from the cell's. Axis across edge e in the plane of the axes a, b. doubt: above, or 0.
+ */
+static verdict edge_rounded(double q[3][3], int e, int a, int b, double doubt) {
     const double *from = q[e], *to = q[(e + 1) % 3], *other = q[(e + 2) % 3];
     double x = to[b] - from[b], y = from[a] - to[a];
     double f = x * from[a] + y * from[b], g = x * other[a] + y * other[b];
@@ -29,11 +41,12 @@ static verdict edge_rounded(double q[3][3], int e, int a, int b) {
     double size = fabs(x) * (fabs(from[a]) + fabs(other[a]) + 1) +
                   fabs(y) * (fabs(from[b]) + fabs(other[b]) + 1);
     if (size == 0) return TOGETHER;
-    verdict u = compare(f > g ? f : g, low, size), v = compare(high, f < g ? f : g, size);
+    verdict u = compare(f > g ? f : g, low, doubt * size, low < 0);
+    verdict v = compare(high, f < g ? f : g, doubt * size, high > 0);
     return u < v ? u : v;
 }
 
-static verdict plane_rounded(double q[3][3]) {
+static verdict plane_rounded(double q[3][3], double doubt) {
     double at = 0, low = 0, high = 0, size = 0;
     for (int k = 0; k < 3; k++) {
         int a = (k + 1) % 3, b = (k + 2) % 3;
@@ -44,7 +57,8 @@ static verdict plane_rounded(double q[3][3]) {
         low += n < 0 ? n : 0, high += n > 0 ? n : 0;
     }
     if (size == 0) return TOGETHER;
-    verdict u = compare(at, low, size), v = compare(high, at, size);
+    verdict u = compare(at, low, doubt * size, low < 0);
+    verdict v = compare(high, at, doubt * size, high > 0);
     return u < v ? u : v;
 }
 
@@ -103,8 +117,10 @@ bool pbs_clip_meets(const double p[3][3], const int cell[3]) {
         double x = q[0][k], y = q[1][k], z = q[2][k];
         if ((x < 0 && y < 0 && z < 0) || (x >= 1 && y >= 1 && z >= 1)) return false;
     }
+    double doubt = is_plain(q) ? 0 : little;
     for (int i = 0; i < 10; i++) {
-        verdict v = i < 9 ? edge_rounded(q, i / 3, (i + 1) % 3, (i + 2) % 3) : plane_rounded(q);
+        verdict v = i < 9 ? edge_rounded(q, i / 3, (i + 1) % 3, (i + 2) % 3, doubt)
+                          : plane_rounded(q, doubt);
         if (v == APART) return false;
         sure = v < sure ? v : sure;
     }
@@ -112,9 +128,13 @@ bool pbs_clip_meets(const double p[3][3], const int cell[3]) {
 }
 
 bool pbs_clip_meets_plane(const double p[3][3], const int cell[3]) {
-    int64_t q[3][3];
-    from_cell(p, cell, q);
-    return plane_exact(q);
+    double q[3][3];
+    for (int i = 0; i < 9; i++) q[i / 3][i % 3] = p[i / 3][i % 3] - cell[i % 3];
+    verdict sure = plane_rounded(q, is_plain(q) ? 0 : little);
+    if (sure != UNKNOWN) return sure == TOGETHER;
+    int64_t exact[3][3];
+    from_cell(p, cell, exact);
+    return plane_exact(exact);
 }
 
 void pbs_clip_normal(const double p[3][3], double n[3]) {

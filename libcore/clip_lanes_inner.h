@@ -40,6 +40,14 @@ LANE d4 pick(l4 mask, d4 a, d4 b) {
     return (d4)(((l4)a & mask) | ((l4)b & ~mask));
 #endif
 }
+/* A bit for each lane. */
+LANE uint32_t bits4(l4 mask) {
+#if defined(__AVX2__)
+    return (uint32_t)_mm256_movemask_pd((__m256d)mask);
+#else
+    return (uint32_t)((mask[0] & 1) | (mask[1] & 2) | (mask[2] & 4) | (mask[3] & 8));
+#endif
+}
 LANE d4 abs4(d4 x) {
     return (d4)((l4)x & INT64_MAX);
 }

@@ -53,6 +53,7 @@ static void clip_edges(clip_job *job) {
             far = fabs(job->p[e][k]) > far ? fabs(job->p[e][k]) : far;
         }
     job->margin = far * 0x1p-46;
+    clip_walls_set(job);
 }
 
 /* The ends along k. */
@@ -92,17 +93,20 @@ static void clip_large(const double corner[3][3], uint32_t triangle, bool centro
     clip_pixels px[2]; /* on edges, covered */
     px[0].count = px[1].count = 0;
     clip_range v = clip_ends(&job, 1), w = clip_ends(&job, 2);
+    job.low = w.low, job.high = w.high;
     job.inside = w.low >= 0 && w.high < PBS_BLOCK;
     job.lowest = clip_cell_in_block(w.low), job.highest = clip_cell_in_block(w.high);
     int last = clip_cell_in_block(v.high);
-    clip_sides sides;
-    clip_row row;
-    clip_sides_set(&sides, &job);
-    for (int j = clip_cell_in_block(v.low); j <= last; j++) {
-        if (!clip_row_find(&job, &sides, j, &row)) continue;
-        if (!narrow) pixel_row(&job, &row, j, px);
-        for (int i = row.from; i <= row.to && narrow; i++) clip_pixel(&job, i, j);
+    clip_side side[3];
+    clip_rows rows;
+    clip_sides_set(side, &job);
+    for (int begin = clip_cell_in_block(v.low), j = begin; j <= last; j++) {
+        int r = (j - begin) % 4;
+        if (r == 0) clip_rows_find(&job, side, j, &rows);
+        if (!narrow) pixel_row(&job, &rows, r, j, px);
+        for (int i = rows.from[r]; i <= rows.to[r] && narrow; i++) clip_pixel(&job, i, j);
     }
+    pixel_join(px);
     pixel_flush(&job, &px[0], true);
     pixel_flush(&job, &px[1], false);
 }

@@ -35,7 +35,7 @@ LANE d4 pixel_most(const d4 x[4]) {
     return max4(max4(x[0], x[1]), max4(x[2], x[3]));
 }
 LANE bool any4(l4 mask) {
-    return (mask[0] | mask[1] | mask[2] | mask[3]) != 0;
+    return bits4(mask) != 0;
 }
 
 LANE void pixel_edges(const clip_job *job, d4 u, d4 v, pixel_four *f) {
@@ -159,10 +159,13 @@ LANE void pixel_masses(const pixel_four *f, bool edges, bool centroids, mass4 ce
     cell[2] = cuts == 2 ? mass_less(sum[0], sum[2]) : zero;
 }
 
+/* Of the cells first .. first + 2 above four pixels, [cell][pixel]. Bits of masks are in that
+ * order, from the cell below the first on to the one above the last. */
 typedef struct pixel_result {
-    double area[3][4], low[4], high[4], first[4];
+    double area[3][4];
     float u[3][4], v[3][4];
-    int64_t crowded[4];
+    uint32_t sure, maybe, crowded; /* certainly touched; perhaps; pixels left to clip_cell */
+    int first[4];
 } pixel_result;
 
 /* From places in the pixels to places in the triangle. */
@@ -176,28 +179,62 @@ LANE void pixel_place(const clip_job *job, const mass4 *m, d4 u, d4 v, float out
     put_place(outu, outv, to[0] * x + to[1] * y, to[2] * x + to[3] * y);
 }
 
-static void pixel_emit(const clip_job *job, const int8_t at[2], const pixel_result *r, int lane,
-                       bool edges) {
-    double level = job->level, margin = job->even ? 0 : job->margin;
-    int first = clip_floor(level + r->first[lane]);
-    int from = clip_floor(r->low[lane] - margin) + (int)level;
-    int to = clip_floor(r->high[lane] + margin) + (int)level;
-    from = from < job->lowest ? job->lowest : from, to = to < job->highest ? to : job->highest;
-    for (int k = from; k <= to; k++) {
-        int place[3] = {at[0], at[1], k}, cell[3], o = k - first;
-        if (r->crowded[lane]) {
+/* Which cells the plane passes, and are in the block; which of them hold certainly a piece. */
+LANE void pixel_cells(const clip_job *job, const pixel_four *f, int count, d4 low, d4 high,
+                      pixel_result *r) {
+    double margin = job->even ? 0 : job->margin;
+    d4 from = floor4(low - margin), to = floor4(high + margin);
+    d4 lowest = max4(from, all4(job->lowest - job->level));
+    d4 highest = min4(to, all4(job->highest - job->level));
+    uint32_t pixels = (1u << count) - 1;
+    r->crowded = bits4(f->crowded) & pixels, r->sure = r->maybe = 0;
+    UNROLL
+    for (int o = -1; o <= 3; o++) {
+        d4 at = f->first + o;
+        uint32_t in = bits4((l4)(at >= lowest) & (l4)(at <= highest)) & pixels, sure = 0;
+        if (o >= 0 && o < 3)
+            sure = in & ~r->crowded & bits4((l4)(at4(r->area[o]) > 32 * job->margin));
+        r->sure |= sure << 4 * (o + 1), r->maybe |= (in & ~sure) << 4 * (o + 1);
+    }
+    i4 first = __builtin_convertvector(f->first + job->level, i4);
+    memcpy(r->first, &first, sizeof first);
+}
+
+/* What is doubtful: a piece of next to nothing, or a pixel left to clip_cell. */
+static void pixel_emit_maybe(const clip_job *job, clip_pixels *px, const pixel_result *r,
+                             bool edges) {
+    for (uint32_t bits = r->maybe; bits; bits &= bits - 1) {
+        int i = __builtin_ctz(bits), o = i / 4 - 1, lane = i % 4, cell[3];
+        const int place[3] = {px->at[lane][0], px->at[lane][1], r->first[lane] + o};
+        if (clip_apart(&job->walls, place)) continue;
+        if (r->crowded >> lane & 1) {
             clip_cell(job, place);
             continue;
         }
         cell[job->u] = place[0], cell[job->v] = place[1], cell[job->w] = place[2];
-        double area = o >= 0 && o < 3 ? r->area[o][lane] : 0;
-        if (area <= 32 * job->margin &&
-            !(edges ? pbs_clip_meets(job->corner, cell) : pbs_clip_meets_plane(job->corner, cell)))
+        if (!(edges ? pbs_clip_meets(job->corner, cell) : pbs_clip_meets_plane(job->corner, cell)))
             continue;
         bool known = o >= 0 && o < 3;
-        clip_put(job->out, PBS_CELL(cell[0], cell[1], cell[2]), job->triangle, area,
-                 known ? r->u[o][lane] : 0, known ? r->v[o][lane] : 0);
+        clip_put(job->out, PBS_CELL(cell[0], cell[1], cell[2]), job->triangle,
+                 known ? r->area[o][lane] : 0, known ? r->u[o][lane] : 0,
+                 known ? r->v[o][lane] : 0);
     }
+}
+
+static void pixel_emit(const clip_job *job, clip_pixels *px, const pixel_result *r, bool edges) {
+    pbs_fragments *out = job->out;
+    uint32_t step[3] = {1u << 7 * job->u, 1u << 7 * job->v, 1u << 7 * job->w}, cell[4];
+    for (int i = 0; i < 4; i++)
+        cell[i] = PBS_CELL(0, 0, 0) + (uint32_t)px->at[i][0] * step[0] +
+                  (uint32_t)px->at[i][1] * step[1] + (uint32_t)r->first[i] * step[2];
+    if (out->count + 12 >= PBS_FRAGMENTS) out->flush(out->ctx, out);
+    for (uint32_t bits = r->sure >> 4; bits; bits &= bits - 1) {
+        int i = __builtin_ctz(bits);
+        out->fragment[out->count++] =
+            (pbs_fragment){cell[i % 4] + (uint32_t)(i / 4) * step[2], job->triangle, r->area[0][i],
+                           r->u[0][i], r->v[0][i]};
+    }
+    if (r->maybe) pixel_emit_maybe(job, px, r, edges);
 }
 
 LANE void pixel_flush_as(const clip_job *job, clip_pixels *px, bool edges, bool centroids) {
@@ -214,6 +251,10 @@ LANE void pixel_flush_as(const clip_job *job, clip_pixels *px, bool edges, bool 
     pixel_corners((job->p[0][2] - job->level) + (g * (u - job->p[0][0]) + h * (v - job->p[0][1])),
                   g, h, f.height);
     d4 low = pixel_least(f.height), high = pixel_most(f.height);
+    if (edges) { /* the plane goes on beyond the triangle's ends */
+        low = min4(max4(low, all4(job->low - job->level)), all4(job->high - job->level));
+        high = max4(min4(high, all4(job->high - job->level)), low);
+    }
     f.first = floor4(low);
     f.cut = any4((l4)(high > f.first + 1)), f.cut2 = any4((l4)(high > f.first + 2));
     if (edges) pixel_edges(job, u, v, &f);
@@ -226,9 +267,8 @@ LANE void pixel_flush_as(const clip_job *job, clip_pixels *px, bool edges, bool 
         else
             memset(r.u[k], 0, sizeof r.u[k]), memset(r.v[k], 0, sizeof r.v[k]);
     }
-    put4(r.low, low), put4(r.high, high), put4(r.first, f.first);
-    memcpy(r.crowded, &f.crowded, sizeof r.crowded);
-    for (int i = 0; i < px->count; i++) pixel_emit(job, px->at[i], &r, i, edges);
+    pixel_cells(job, &f, px->count, low, high, &r);
+    pixel_emit(job, px, &r, edges);
     px->count = 0;
 }
 
@@ -253,6 +293,13 @@ static inline void pixel_add(const clip_job *job, clip_pixels *px, int i, int j,
     if (px->count == 4) pixel_flush(job, px, edges);
 }
 
+/* Few pixels that are covered are cut as if they were on edges: one vector of pixels, not two. */
+static inline void pixel_join(clip_pixels px[2]) {
+    if (px[0].count == 0 || px[0].count + px[1].count > 4) return;
+    memcpy(px[0].at[px[0].count], px[1].at, sizeof px[1].at[0] * (size_t)px[1].count);
+    px[0].count += px[1].count, px[1].count = 0;
+}
+
 /* Pixels that are covered, of a triangle across the axis: whole squares. */
 static void pixel_squares(const clip_job *job, int j, int from, int to) {
     int at[3];
@@ -268,8 +315,8 @@ static void pixel_squares(const clip_job *job, int j, int from, int to) {
             clip_put(job->out, cell, job->triangle, 1, 0, 0);
 }
 
-static void pixel_row(const clip_job *job, const clip_row *row, int j, clip_pixels px[2]) {
-    int from = row->from, to = row->to, low = row->low, high = row->high;
+static void pixel_row(const clip_job *job, const clip_rows *rows, int r, int j, clip_pixels px[2]) {
+    int from = rows->from[r], to = rows->to[r], low = rows->low[r], high = rows->high[r];
     for (int i = from; i < low; i++) pixel_add(job, &px[0], i, j, true);
     if (job->even) pixel_squares(job, j, low, high);
     for (int i = low; i < high && !job->even; i++) pixel_add(job, &px[1], i, j, false);

@@ -8,7 +8,14 @@
 #ifndef PBS_CLIP_WALK_INNER_H
 #define PBS_CLIP_WALK_INNER_H
 
-#include "libcore/clip_inner.h"
+#include "libcore/clip_lanes_inner.h"
+
+/* What the edges say in the two views across axis w: the cell at place is on the outside of an edge
+ * if u * place[u] + w * place[w] > far, likewise v. The edges are side by side, the last one twice.
+ */
+typedef struct clip_walls {
+    d4 u[2], w[2], far[2];
+} clip_walls;
 
 /* Seen along axis w. p[corner][u v w], n likewise. */
 typedef struct clip_job {
@@ -19,6 +26,7 @@ typedef struct clip_job {
     bool flat;                           /* no area: p is a segment or a point */
     bool even;                           /* w is the same everywhere */
     bool inside;                         /* all of w is in the block */
+    double low, high;                    /* ends along w */
     double level;                        /* a whole number near p[0][2] */
     double stretch;                      /* area of what has area 1 as seen */
     double place[4];     /* rows: from a place as seen, from corner 0, to a centroid's u and v */
@@ -26,7 +34,38 @@ typedef struct clip_job {
     uint32_t triangle;
     bool centroids;
     pbs_fragments *out;
+    clip_walls walls;
 } clip_job;
+
+/* Directions are turned away from the third corner; where rounding turns one the wrong way, as in
+ * views in which the triangle is a line, far is beyond that corner all the same. */
+static inline void clip_walls_set(clip_job *job) {
+    UNROLL
+    for (int a = 0; a < 2; a++) {
+        d4 u, w, x, y, dx, dy, zero = all4(0);
+        UNROLL
+        for (int i = 0; i < 4; i++) {
+            int e = i < 3 ? i : 2, other = (e + 2) % 3;
+            u[i] = job->p[e][a], w[i] = job->p[e][2];
+            x[i] = job->p[other][a] - job->p[e][a], y[i] = job->p[other][2] - job->p[e][2];
+            dx[i] = job->d[e][2], dy[i] = -job->d[e][a];
+        }
+        l4 turn = (l4)(dx * x + dy * y > 0);
+        dx = pick(turn, -dx, dx), dy = pick(turn, -dy, dy);
+        d4 near = dx * u + dy * w, third = dx * (u + x) + dy * (w + y);
+        d4 error = (abs4(dx) + abs4(dy)) * (4 * job->margin);
+        job->walls.u[a] = dx, job->walls.w[a] = dy;
+        job->walls.far[a] = max4(near, third) - min4(dx, zero) - min4(dy, zero) + error;
+    }
+}
+
+/* Whether the cell is certainly apart from the triangle. */
+LANE bool clip_apart(const clip_walls *s, const int place[3]) {
+    l4 out = (l4)all4(0);
+    UNROLL
+    for (int a = 0; a < 2; a++) out |= (l4)(s->u[a] * place[a] + s->w[a] * place[2] > s->far[a]);
+    return bits4(out) != 0;
+}
 
 /* ---- the piece in a cell ---- */
 
@@ -170,21 +209,9 @@ static void clip_pixel(const clip_job *job, int i, int j) {
     if (r.low - job->margin >= PBS_BLOCK || r.high + job->margin < 0) return;
     int from = r.low < 1 ? 0 : clip_floor(r.low - job->margin);
     int to = r.high > PBS_BLOCK - 1 ? PBS_BLOCK - 1 : clip_floor(r.high + job->margin);
-    for (int k = from; k <= to; k++) clip_cell(job, (int[3]){i, j, k});
-}
-
-/* Cuts a row to where the plane is in the block. Slopes that make no difference within it are left
- * to the pixels. */
-static void clip_row_in_block(const clip_job *job, int j, clip_range *r) {
-    double g = job->slope[0], h = job->slope[1];
-    double low = clip_height(job, 0, j) + (h < 0 ? h : 0) - job->margin;
-    double high = clip_height(job, 0, j) + (h > 0 ? h : 0) + job->margin;
-    if (fabs(g) < 0x1p-20) {
-        if (low > PBS_BLOCK + 1 || high < -1) *r = (clip_range){INFINITY, -INFINITY};
-        return;
+    for (int k = from; k <= to; k++) {
+        const int place[3] = {i, j, k};
+        if (!clip_apart(&job->walls, place)) clip_cell(job, place);
     }
-    double x = (g > 0 ? -high : PBS_BLOCK - low) / g, y = (g > 0 ? PBS_BLOCK - low : -high) / g;
-    r->low = x - 1 > r->low ? x - 1 : r->low;
-    r->high = y + 1 < r->high ? y + 1 : r->high;
 }
 #endif
