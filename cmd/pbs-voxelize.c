@@ -362,8 +362,20 @@ static void clean_up(job *j) {
     pbs_scene_close(&j->scene);
 }
 
+/* Rather fewer threads than no voxels: a full block takes some memory, and each thread has one.
+ * What it must be at least is said early. */
+static void fit_memory(pbs_app *app) {
+    const size_t reading = 20 << 20;
+    size_t base = pbs_mem_used(&app->run) + reading;
+    app->run.mem_floor = base + PBS_BLOCK_MEMORY;
+    while (app->run.threads > 1 &&
+           base + (size_t)app->run.threads * PBS_BLOCK_MEMORY > pbs_mem_left(&app->run))
+        app->run.threads--;
+}
+
 static pbs_code work(pbs_app *app, void *opt, pbs_err *err) {
     job j = {.app = app, .o = opt, .failures = {app, 0}};
+    fit_memory(app);
     pbs_scene_options so = PBS_SCENE_DEFAULTS;
     so.ignore_missing = j.o->ignore_missing;
     so.failed = j.o->keep_going ? pbs_note_failure : NULL;
