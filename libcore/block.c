@@ -39,7 +39,8 @@ LANE f4 mix(const float corner[3][4], float u, float v) {
 }
 
 /* The normal of a fragment from those of its corners: unit as in pbs_batch, returns the slot. One
- * of a triangle without area has no side to turn to; those that cancel say nothing. */
+ * of a triangle without area has no side to turn to; those that cancel say nothing. Where it is not
+ * known which side is out, the way that the corners run says less than the normals do. */
 LANE uint32_t smooth(const pbs_block *b, const pbs_fragment *f, double unit[4]) {
     const pbs_batch *t = &b->batch;
     uint32_t i = f->triangle;
@@ -54,9 +55,9 @@ LANE uint32_t smooth(const pbs_block *b, const pbs_fragment *f, double unit[4]) 
     }
     double turned = n[0] * t->normal[0][i] + n[1] * t->normal[1][i] + n[2] * t->normal[2][i];
     double side = n[0] * PBS_SIDE_X + n[1] * PBS_SIDE_Y + n[2] * PBS_SIDE_Z;
-    double sign = (b->placing.both ? side : turned) < 0 ? -1 : 1;
+    double sign = !b->placing.both && turned < 0 ? -1 : 1;
     double scale = sign * PBS_UNIT * (1 / length);
-    uint32_t beyond = !b->placing.both && side * sign < 0;
+    uint32_t beyond = side * sign < 0;
     unit[beyond ? 0 : 3] = PBS_UNIT;
     unit[beyond] = n[0] * scale, unit[beyond + 1] = n[1] * scale, unit[beyond + 2] = n[2] * scale;
     return beyond;

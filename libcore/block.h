@@ -16,7 +16,9 @@
  * Normals are summed apart for the two sides of a fixed plane: where the mean of all is short (less
  * than PBS_BLOCK_THIN), the two sides of a sheet are in one voxel, which is then two-sided and has
  * the normal of the sheet. Triangles whose orientation is not known look out of both their sides,
- * and so do all if the viewer may be inside (`interior`); such voxels are two-sided, too.
+ * and so do all if the viewer may be inside (`interior`); such voxels are two-sided, too. What is
+ * not known is most often the same all over a part, so their normals are added as they are, vertex
+ * normals if there are any: to turn all to one side of a plane breaks surfaces where they meet it.
  *
  * Colours are means in linear light, of surfaces seen with pixels of the size of a voxel. A
  * triangle of a masked material is in a cell if it is there at its point nearest to the cell's

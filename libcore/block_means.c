@@ -87,11 +87,13 @@ LANE f4 square4(const f4 n[3]) {
     return n[0] * n[0] + n[1] * n[1] + n[2] * n[2];
 }
 
-/* As pbs_normal10_put. *sheet: the mean is short, so the normal is that of a sheet. */
+/* As pbs_normal10_put. *sheet: the mean is short, so the normal is that of a sheet; but where the
+ * sheet runs along the fixed direction, the difference of the sides is short, too. */
 LANE i4 normals4(const f4 mean[4], const f4 across[4], i4 *sheet) {
-    f4 thin = (float)PBS_BLOCK_THIN * mean[3], n[3];
-    *sheet = square4(mean) < thin * thin;
-    for (int k = 0; k < 3; k++) n[k] = (f4)((*sheet & (i4)across[k]) | (~*sheet & (i4)mean[k]));
+    f4 thin = (float)PBS_BLOCK_THIN * mean[3], n[3], square = square4(mean);
+    *sheet = square < thin * thin;
+    i4 pick = *sheet & (square < square4(across));
+    for (int k = 0; k < 3; k++) n[k] = (f4)((pick & (i4)across[k]) | (~pick & (i4)mean[k]));
     f4 l = sqrt4f(square4(n));
     i4 good = (l > 0) & (l < INFINITY), q[3];
     for (int k = 0; k < 3; k++) q[k] = round4((f4)((i4)(n[k] / l * 511) & good)) & 1023;

@@ -32,7 +32,7 @@ typedef struct pbs_placing {
 typedef struct pbs_batch {
     pbs_triangles t;
     _Alignas(32) double unit[PBS_TRIANGLES][4];     /* PBS_UNIT times: the unit normal, outwards or
-                                                       towards the fixed side, 0 without area; and 1,
+                                                       as the corners run, 0 without area; and 1,
                                                        behind it or, beyond the plane, before it */
     _Alignas(32) double normal[3][PBS_TRIANGLES];   /* the same, length 1 */
     _Alignas(16) float smooth[PBS_TRIANGLES][3][4]; /* vertex normals, placed; any length */

@@ -148,17 +148,15 @@ LANE void normals_all(const pbs_placing *g, pbs_batch *b) {
         d4 square = n[0] * n[0] + n[1] * n[1] + n[2] * n[2], l = sqrt4(&square);
         d4 inv = (d4)((l > 0) & (l4)(1 / l));
         l4 beyond = (PBS_SIDE_X * n[0] + PBS_SIDE_Y * n[1] + PBS_SIDE_Z * n[2]) < 0;
-        l4 turn = g->both ? beyond & INT64_MIN : one & 0;
         l4 faces = g->all_faces ? one * PBS_VOXEL_TWO_SIDED : one & 0;
 #pragma GCC unroll 3
         for (int r = 0; r < 3; r++) {
             l4 down = n[r]<0, up = n[r]> 0, any = down | up;
             if (g->all_faces) down = up = any;
             faces |= (down & (one << (2 * r))) | (up & (one << (2 * r + 1)));
-            n[r] = (d4)((l4)(n[r] * inv) ^ turn);
+            n[r] *= inv;
             *store4(&b->normal[r][i]) = n[r];
         }
-        if (g->both) beyond = one & 0;
         for (int lane = 0; lane < 4; lane++) {
             double *u = b->unit[i + (uint32_t)lane];
             bool far = beyond[lane];

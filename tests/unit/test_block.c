@@ -155,15 +155,19 @@ TEST(orientation) {
     CHECK(alike(&b, &c) && alike(&a, &d) && a.v.count == b.v.count);
     /* The mirrored mesh is seen clockwise; outside in its own frame is what was inside. */
     CHECK(alike(&b, &e));
-    size_t wrong = 0, sided = 0;
+    size_t wrong = 0, sided = 0, turned = 0;
     for (size_t i = 0; i < a.v.count; i++) {
-        float m[3], n[3], p[3] = {31.3f, 32.2f, 30.7f}, out = 0;
+        float m[3], n[3], u[3], p[3] = {31.3f, 32.2f, 30.7f}, out = 0, along = 0;
         pbs_normal10_get(m, a.v.normal[i]), pbs_normal10_get(n, b.v.normal[i]);
+        pbs_normal10_get(u, f.v.normal[i]);
         for (int k = 0; k < 3; k++) {
             wrong += fabsf(m[k] + n[k]) > 0.003f;
+            along += m[k] * u[k];
             out += m[k] * ((float)(a.v.place[i] >> 8 * k & 255) - 63.5f - p[k]);
         }
         wrong += out < 0;
+        /* Also where the surface runs along the fixed direction, whose two sides meet there. */
+        turned += fabsf(along) < 0.99f;
         wrong += (a.v.place[i] ^ b.v.place[i]) << 8 != 0;
         wrong += (a.v.place[i] | b.v.place[i]) >> 30 & 1;
         sided += f.v.place[i] >> 30 & 1;
@@ -171,6 +175,7 @@ TEST(orientation) {
         wrong += (faces_of(&a, i) | faces_of(&b, i)) != faces_of(&f, i);
     }
     CHECK_NUM(!wrong, wrong);
+    CHECK_NUM(!turned, turned);
     CHECK(f.v.count == a.v.count && sided == f.v.count);
     drop(&a), drop(&b), drop(&c), drop(&d), drop(&e), drop(&f);
 }
