@@ -1,4 +1,6 @@
-/* pbs-flatten: surfels of one or more streams into one archive in the player's order. */
+/* pbs-flatten: surfels of one or more streams into one archive in the player's order. Point clouds
+ * are flatten_cloud.c's. */
+#include "cmd/flatten_cloud.h"
 #include "cmd/tool.h"
 #include "formats/node.h"
 #include "formats/octaves.h"
@@ -7,7 +9,8 @@
 #include <string.h>
 
 static const pbs_tool tool = {
-    "pbs-flatten", "Packs surfels into one archive", "[FILE...]", 0, -1, NULL, 0, false};
+    "pbs-flatten", "Packs surfels or point clouds into one archive", "[FILE...]", 0, -1, NULL, 0,
+    false};
 
 typedef struct input {
     pbs_reader *reader;
@@ -28,6 +31,7 @@ typedef struct entry {
 
 typedef struct job {
     pbs_app *app;
+    pbs_input first; /* of the first input, which is open already */
     input *inputs;
     size_t input_count;
     entry *entries;
@@ -46,9 +50,9 @@ static pbs_lattice lattice_of(const pbs_node *n) {
 /* ---- what the inputs hold ---- */
 
 static pbs_code open_input(job *j, input *in, const char *path, pbs_err *err) {
-    pbs_input file;
+    pbs_input file = j->first;
     pbs_run *run = &j->app->run;
-    pbs_code rc = pbs_input_open(run, path, &file, err);
+    pbs_code rc = in == j->inputs ? PBS_OK : pbs_input_open(run, path, &file, err);
     if (rc) return rc;
     if ((rc = pbs_input_map(&file, err))) {
         pbs_input_close(&file);
@@ -347,10 +351,15 @@ static pbs_code flatten(job *j, pbs_err *err) {
 static pbs_code work(pbs_app *app, void *opt, pbs_err *err) {
     (void)opt;
     job j = {.app = app, .input_count = (size_t)app->common.operand_count};
+    bool done;
+    pbs_code rc = pbs_flatten_clouds(app, &j.first, &done, err);
+    if (rc || done) return rc;
     if (!j.input_count) j.input_count = 1;
-    if (!(j.inputs = calloc(j.input_count, sizeof *j.inputs)))
+    if (!(j.inputs = calloc(j.input_count, sizeof *j.inputs))) {
+        pbs_input_close(&j.first);
         return pbs_fail(err, PBS_LIMIT, "no memory");
-    pbs_code rc = flatten(&j, err);
+    }
+    rc = flatten(&j, err);
     if (!rc) {
         char channels[256];
         pbs_stat_count(app, "nodes", j.entry_count);

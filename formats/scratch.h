@@ -51,6 +51,9 @@ typedef struct pbs_scratch {
  * is full, which is known here and not later. Free it also after an error. */
 pbs_code pbs_scratch_new(pbs_run *run, size_t count, size_t size, const char *what,
                          pbs_scratch *out, pbs_err *err);
+/* The same with at most `most` bytes in memory, whatever the limit leaves. */
+pbs_code pbs_scratch_within(pbs_run *run, size_t count, size_t size, const char *what, size_t most,
+                            pbs_scratch *out, pbs_err *err);
 /* Zeroed by = {0} is fine. */
 void pbs_scratch_free(pbs_scratch *s);
 #endif
