@@ -152,7 +152,7 @@ static pbs_code upper_level(upper *u, int k, pbs_err *err) {
         if (u->set.sum) memcpy(u->set.sum + 4 * (size_t)u->set.count, r->sum, sizeof r->sum);
         pbs_thin_put(&u->set, (int32_t)r->q[0], (int32_t)r->q[1], (int32_t)r->q[2], (uint32_t)i);
     }
-    if (!rc) rc = pbs_thin_level(&u->thin, &u->set, k, &u->kept, &u->rejected, err);
+    if (!rc) rc = pbs_thin_level(&u->thin, &u->set, k, false, &u->kept, &u->rejected, err);
     for (uint32_t i = 0; i < u->kept.count && !rc; i++) {
         uint32_t id = u->kept.id[i];
         out->level[id] = (int8_t)k;

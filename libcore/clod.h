@@ -81,8 +81,21 @@ typedef struct pbs_clod_grid {
 pbs_code pbs_clod_grid_new(pbs_run *run, int bits, int depth, pbs_clod_grid *g, pbs_err *err);
 void pbs_clod_grid_free(pbs_run *run, pbs_clod_grid *g);
 
+/* Every third bit of up to ten. */
+static inline uint32_t pbs_clod_spread(uint32_t v) {
+    v = (v | v << 16) & 0x030000ff;
+    v = (v | v << 8) & 0x0300f00f;
+    v = (v | v << 4) & 0x030c30c3;
+    return (v | v << 2) & 0x09249249;
+}
+
 /* Place in the grid. */
-uint32_t pbs_clod_place(const pbs_clod_grid *g, const uint32_t q[3]);
+static inline uint32_t pbs_clod_place(const pbs_clod_grid *g, const uint32_t q[3]) {
+    int shift = g->bits - g->depth;
+    return pbs_clod_spread((q[0] - g->origin[0]) >> shift) |
+           pbs_clod_spread((q[1] - g->origin[1]) >> shift) << 1 |
+           pbs_clod_spread((q[2] - g->origin[2]) >> shift) << 2;
+}
 
 typedef struct pbs_clod_cells {
     pbs_clod_cell *cell; /* in Morton order, none empty */

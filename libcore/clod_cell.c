@@ -158,7 +158,7 @@ static pbs_code thin(pbs_clod_work *w, uint32_t n, int top, pbs_err *err) {
     pbs_code rc = PBS_OK;
     for (int first = first_level(w, n, top), k = first; k <= top && top && !rc; k++) {
         drop_fixed(&w->thin, k > first ? k : 0);
-        rc = pbs_thin_level(&w->thin, from, k, to, &w->rejected, err);
+        rc = pbs_thin_level(&w->thin, from, k, k == first, to, &w->rejected, err);
         if (!rc && k == first)
             rc = pbs_thin_tail(&w->thin, to, &w->rejected, k, w->level, err);
         else if (!rc)

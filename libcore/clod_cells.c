@@ -22,23 +22,10 @@ void pbs_clod_grid_free(pbs_run *run, pbs_clod_grid *g) {
     memset(g, 0, sizeof *g);
 }
 
-/* Every third bit of up to ten. */
-static inline uint32_t spread(uint32_t v) {
-    v = (v | v << 16) & 0x030000ff;
-    v = (v | v << 8) & 0x0300f00f;
-    v = (v | v << 4) & 0x030c30c3;
-    return (v | v << 2) & 0x09249249;
-}
 static inline uint32_t gather3(uint32_t v) {
     uint32_t r = 0;
     for (int i = 0; i < 10; i++) r |= (v >> 3 * i & 1) << i;
     return r;
-}
-
-uint32_t pbs_clod_place(const pbs_clod_grid *g, const uint32_t q[3]) {
-    int shift = g->bits - g->depth;
-    return spread((q[0] - g->origin[0]) >> shift) | spread((q[1] - g->origin[1]) >> shift) << 1 |
-           spread((q[2] - g->origin[2]) >> shift) << 2;
 }
 
 typedef struct builder {

@@ -194,13 +194,14 @@ static inline f8 squares(const pbs_thin *t, size_t i, const f8 at[3]) {
     return f8_add(f8_add(f8_mul(dx, dx), f8_mul(dy, dy)), f8_mul(dz, dz));
 }
 
-/* Is any of them nearer than its spacing and than s2 say? */
-static inline bool too_near(const pbs_thin *t, const f8 at[3], float s2) {
+/* The first of them that is nearer than its spacing and than s2 say, or near_count. */
+static inline size_t too_near(const pbs_thin *t, const f8 at[3], float s2) {
     f8 s = f8_all(s2);
-    unsigned any = 0;
-    for (size_t i = 0; i < t->near_count && !any; i += 8)
-        any = f8_less(squares(t, i, at), f8_min(s, f8_at(t->near + 3 * t->near_room + i)));
-    return any;
+    for (size_t i = 0; i < t->near_count; i += 8) {
+        unsigned any = f8_less(squares(t, i, at), f8_min(s, f8_at(t->near + 3 * t->near_room + i)));
+        if (any) return i + (size_t)__builtin_ctz(any);
+    }
+    return t->near_count;
 }
 
 static inline void position_of(const pbs_thin_set *s, uint32_t i, const run_of *r, float p[3]) {
@@ -210,32 +211,53 @@ static inline void position_of(const pbs_thin_set *s, uint32_t i, const run_of *
 
 /* ---- one level ---- */
 
-static void level_run(pbs_thin *t, const pbs_thin_set *c, const run_of *r, float s2,
+typedef float four __attribute__((vector_size(16)));
+
+static inline void add_colour(float *to, const float *colour, float weight) {
+    four v, c;
+    memcpy(&v, to, sizeof v);
+    memcpy(&c, colour, sizeof c);
+    v += c * weight;
+    memcpy(to, &v, sizeof v);
+}
+
+static inline void reject(const pbs_thin *t, const pbs_thin_set *c, uint32_t i, const float p[3],
+                          size_t near, float s2, float *sum, pbs_thin_set *rejected) {
+    const float *colour = c->sum ? c->sum + 4 * (size_t)i : NULL;
+    if (colour) memcpy(rejected->sum + 4 * (size_t)rejected->count, colour, 16);
+    pbs_thin_put(rejected, c->x[i], c->y[i], c->z[i], c->id[i]);
+    if (!sum || t->near_id[near] == FIXED) return;
+    float d2 = 0;
+    for (size_t k = 0; k < 3; k++) {
+        float d = t->near[k * t->near_room + near] - p[k];
+        d2 += d * d;
+    }
+    add_colour(sum + 4 * (size_t)t->near_id[near], colour, 1 - d2 / s2);
+}
+
+/* sum: of the kept ones, if rejected ones give them their colours here. */
+static void level_run(pbs_thin *t, const pbs_thin_set *c, const run_of *r, float s2, float *sum,
                       pbs_thin_set *kept, pbs_thin_set *rejected) {
     for (uint32_t i = r->first; i < r->end; i++) {
         float p[3];
         position_of(c, i, r, p);
         f8 at[3] = {f8_all(p[0]), f8_all(p[1]), f8_all(p[2])};
-        if (too_near(t, at, s2)) {
-            if (c->sum)
-                memcpy(rejected->sum + 4 * (size_t)rejected->count, c->sum + 4 * (size_t)i, 16);
-            pbs_thin_put(rejected, c->x[i], c->y[i], c->z[i], c->id[i]);
+        size_t near = too_near(t, at, s2);
+        if (near < t->near_count) {
+            reject(t, c, i, p, near, s2, sum, rejected);
             continue;
         }
         put_near(t, p[0], p[1], p[2], INFINITY, kept->count);
+        if (sum) memcpy(sum + 4 * (size_t)kept->count, c->sum + 4 * (size_t)i, 16);
         pbs_thin_put(kept, c->x[i], c->y[i], c->z[i], c->id[i]);
         if (t->near_count % 8 == 0) end_near(t);
     }
 }
 
-typedef float four __attribute__((vector_size(16)));
-
 /* A candidate's colour to all that stay near it. */
 static inline void give_colour(const pbs_thin *t, const f8 at[3], float s2, const float *colour,
                                float *sum) {
-    four c, v;
     f8 s = f8_all(s2);
-    memcpy(&c, colour, sizeof c);
     for (size_t i = 0; i < t->near_count; i += 8) {
         float d[8];
         f8 d2 = squares(t, i, at);
@@ -245,10 +267,7 @@ static inline void give_colour(const pbs_thin *t, const f8 at[3], float s2, cons
         for (; any; any &= any - 1) {
             int j = __builtin_ctz(any);
             if (t->near_id[i + (size_t)j] == FIXED) continue;
-            float *to = sum + 4 * (size_t)t->near_id[i + (size_t)j];
-            memcpy(&v, to, sizeof v);
-            v += c * (1 - d[j] / s2);
-            memcpy(to, &v, sizeof v);
+            add_colour(sum + 4 * (size_t)t->near_id[i + (size_t)j], colour, 1 - d[j] / s2);
         }
     }
 }
@@ -272,10 +291,10 @@ static pbs_code give_colours(pbs_thin *t, const pbs_thin_set *c, int k, pbs_thin
     return PBS_OK;
 }
 
-pbs_code PBS_THIN_NAME(pbs_thin_level_run)(pbs_thin *t, const pbs_thin_set *c, int k,
+pbs_code PBS_THIN_NAME(pbs_thin_level_run)(pbs_thin *t, const pbs_thin_set *c, int k, bool quick,
                                            pbs_thin_set *kept, pbs_thin_set *rejected,
                                            pbs_err *err);
-pbs_code PBS_THIN_NAME(pbs_thin_level_run)(pbs_thin *t, const pbs_thin_set *c, int k,
+pbs_code PBS_THIN_NAME(pbs_thin_level_run)(pbs_thin *t, const pbs_thin_set *c, int k, bool quick,
                                            pbs_thin_set *kept, pbs_thin_set *rejected,
                                            pbs_err *err) {
     run_of r = {.shift = k + BLOCK_SHIFT};
@@ -287,11 +306,11 @@ pbs_code PBS_THIN_NAME(pbs_thin_level_run)(pbs_thin *t, const pbs_thin_set *c, i
         pbs_code rc = gather(t, kept, &r, (int64_t)1 << k, err);
         if (rc) return rc;
         uint32_t first = kept->count;
-        level_run(t, c, &r, s2, kept, rejected);
+        level_run(t, c, &r, s2, quick ? kept->sum : NULL, kept, rejected);
         pbs_thin_block *b = find_or_add(t, r.at);
         b->kept = first, b->kept_count = kept->count - first;
     }
-    return c->sum ? give_colours(t, c, k, kept, err) : PBS_OK;
+    return c->sum && !quick ? give_colours(t, c, k, kept, err) : PBS_OK;
 }
 
 /* ---- what a level left over ---- */
@@ -308,7 +327,7 @@ static void tail_run(pbs_thin *t, const pbs_thin_set *c, const run_of *r, int k,
             float p[3];
             position_of(c, i, r, p);
             f8 at[3] = {f8_all(p[0]), f8_all(p[1]), f8_all(p[2])};
-            if (too_near(t, at, s2)) {
+            if (too_near(t, at, s2) < t->near_count) {
                 left[still++] = i;
                 continue;
             }
@@ -352,8 +371,8 @@ static bool have_avx2(void) {
 #endif
 }
 
-pbs_code pbs_thin_level_run_avx2(pbs_thin *t, const pbs_thin_set *c, int k, pbs_thin_set *kept,
-                                 pbs_thin_set *rejected, pbs_err *err);
+pbs_code pbs_thin_level_run_avx2(pbs_thin *t, const pbs_thin_set *c, int k, bool quick,
+                                 pbs_thin_set *kept, pbs_thin_set *rejected, pbs_err *err);
 pbs_code pbs_thin_tail_run_avx2(pbs_thin *t, const pbs_thin_set *kept, const pbs_thin_set *rejected,
                                 int k, uint32_t *left, int8_t *level, pbs_err *err);
 
@@ -439,13 +458,13 @@ static void add_fixed(pbs_thin *t, int shift) {
     }
 }
 
-pbs_code pbs_thin_level(pbs_thin *t, const pbs_thin_set *c, int k, pbs_thin_set *kept,
+pbs_code pbs_thin_level(pbs_thin *t, const pbs_thin_set *c, int k, bool quick, pbs_thin_set *kept,
                         pbs_thin_set *rejected, pbs_err *err) {
     pbs_code rc = make_table(t, c, k + BLOCK_SHIFT, err);
     if (rc) return rc;
     add_fixed(t, k + BLOCK_SHIFT);
-    return (have_avx2() ? pbs_thin_level_run_avx2 : pbs_thin_level_run)(t, c, k, kept, rejected,
-                                                                        err);
+    return (have_avx2() ? pbs_thin_level_run_avx2 : pbs_thin_level_run)(t, c, k, quick, kept,
+                                                                        rejected, err);
 }
 
 pbs_code pbs_thin_tail(pbs_thin *t, const pbs_thin_set *kept, const pbs_thin_set *rejected, int k,

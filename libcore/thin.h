@@ -65,9 +65,11 @@ static inline void pbs_thin_put(pbs_thin_set *to, int32_t x, int32_t y, int32_t 
 pbs_code pbs_thin_reserve_fixed(pbs_thin *t, size_t more, pbs_err *err);
 
 /* One level, with spacing 2^k: candidates become kept or rejected, both in the same order and with
- * room for all. Rejected ones keep their colour. */
-pbs_code pbs_thin_level(pbs_thin *t, const pbs_thin_set *candidates, int k, pbs_thin_set *kept,
-                        pbs_thin_set *rejected, pbs_err *err);
+ * room for all. Rejected ones keep their colour. quick: they give it to one of those that they are
+ * too near to, and not to all; at the first of several levels that does as well, in a third of the
+ * time. */
+pbs_code pbs_thin_level(pbs_thin *t, const pbs_thin_set *candidates, int k, bool quick,
+                        pbs_thin_set *kept, pbs_thin_set *rejected, pbs_err *err);
 
 /* Directly after a level k: gives each of those that it rejected the coarsest below k
  * where it is far enough from all, level[id] = its exponent; distinct points have one of at least
