@@ -143,7 +143,8 @@ bench: all $(benches)
 fuzz:
 	@mkdir -p build/fuzz/corpus
 	clang -g -O1 -std=c11 -D_GNU_SOURCE -I. -fsanitize=fuzzer,address,undefined -o build/fuzz/container \
-	    tests/fuzz/fuzz_container.c formats/*.c libcore/err.c libcore/run.c libcore/pipe.c libcore/quant.c libcore/polygon.c -lm -ldl -pthread
+	    tests/fuzz/fuzz_container.c formats/*.c libcore/err.c libcore/run.c libcore/pipe.c libcore/quant.c libcore/polygon.c \
+	    libcore/srgb.c $(wildcard libcore/clod*.c libcore/thin*.c) -lm -ldl -pthread
 	build/fuzz/container -max_total_time=60 -max_len=8192 -timeout=10 build/fuzz/corpus
 lint:
 	@scripts/lint

@@ -9,11 +9,11 @@
 
 enum {
     BATCH = 8192,
-    DEPTH = 7,            /* of the grid at most: 2^21 cells */
-    PER_CELL = 4096,      /* points of a surface in a cell of it, or more */
-    LATTICE_BITS = 23,    /* of clouds without a lattice of their own */
-    IN_MEMORY = 96 << 20, /* bytes of points: more lie in a file */
-    HELD = 64 << 20       /* bytes of pages of files */
+    DEPTH = 7,             /* of the grid at most: 2^21 cells */
+    PER_CELL = 4096,       /* points of a surface in a cell of it, or more */
+    LATTICE_BITS = 23,     /* of clouds without a lattice of their own */
+    IN_MEMORY = 160 << 20, /* bytes of points: more lie in a file */
+    HELD = 32 << 20        /* bytes of pages of files */
 };
 
 /* What the files' numbers become: value * mul + add, in steps. */

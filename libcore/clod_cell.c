@@ -12,6 +12,7 @@ pbs_code pbs_clod_work_new(pbs_run *run, bool colours, pbs_clod_work *w, pbs_err
     pbs_code rc = pbs_alloc(run, &w->key, n, sizeof *w->key, what, err);
     if (!rc) rc = pbs_alloc(run, &w->other, n, sizeof *w->other, what, err);
     if (!rc) rc = pbs_alloc(run, &w->colour, n, sizeof *w->colour, what, err);
+    if (!rc) rc = pbs_alloc(run, &w->unsorted, n, sizeof *w->unsorted, what, err);
     if (!rc) rc = pbs_alloc(run, &w->level, n, sizeof *w->level, what, err);
     if (!rc) rc = pbs_alloc(run, &w->order, n, sizeof *w->order, what, err);
     if (!rc) rc = pbs_thin_set_new(run, n, colours, &w->kept, err);
@@ -26,6 +27,7 @@ void pbs_clod_work_free(pbs_run *run, pbs_clod_work *w) {
     pbs_free(run, w->key);
     pbs_free(run, w->other);
     pbs_free(run, w->colour);
+    pbs_free(run, w->unsorted);
     pbs_free(run, w->level);
     pbs_free(run, w->order);
     pbs_thin_set_free(run, &w->kept);
@@ -51,7 +53,7 @@ static inline uint32_t gather3(uint64_t v) {
     return (uint32_t)((v | v >> 16) & 0xffff);
 }
 
-static void make_keys(const pbs_clod_raw *raw, pbs_clod_cell *c, uint64_t *key) {
+static void make_keys(const pbs_clod_raw *raw, pbs_clod_cell *c, pbs_clod_work *w) {
     uint32_t low[3] = {UINT32_MAX, UINT32_MAX, UINT32_MAX}, high[3] = {0};
     for (uint32_t i = 0; i < c->count; i++) {
         const uint32_t *q = raw[i].q;
@@ -61,7 +63,8 @@ static void make_keys(const pbs_clod_raw *raw, pbs_clod_cell *c, uint64_t *key) 
         }
         uint64_t m = spread(q[0] - c->origin[0]) | spread(q[1] - c->origin[1]) << 1 |
                      spread(q[2] - c->origin[2]) << 2;
-        key[i] = m << 16 | i;
+        w->key[i] = m << 16 | i;
+        memcpy(w->unsorted[i], raw[i].colour, 4);
     }
     memcpy(c->low, low, sizeof low);
     memcpy(c->high, high, sizeof high);
@@ -99,7 +102,7 @@ static inline void add_colour(float *sum, const float *linear, const uint8_t c[4
 
 /* Fills the colours in Morton order and the set of all places; what is at the place of another
  * point gives it its colour and has no level. */
-static void take_points(const pbs_clod_raw *raw, const pbs_clod_cell *c, pbs_clod_work *w) {
+static void take_points(const pbs_clod_cell *c, pbs_clod_work *w) {
     const float *linear = pbs_srgb()->linear;
     uint32_t n = (uint32_t)c->count;
     float *sum = w->kept.sum;
@@ -107,7 +110,7 @@ static void take_points(const pbs_clod_raw *raw, const pbs_clod_cell *c, pbs_clo
     w->kept.count = 0;
     for (uint32_t i = 0; i < n; i++) {
         uint64_t m = w->key[i] >> 16;
-        memcpy(w->colour[i], raw[w->key[i] & 0xffff].colour, 4);
+        memcpy(w->colour[i], w->unsorted[w->key[i] & 0xffff], 4);
         w->level[i] = -1;
         if (!i || m != w->key[i - 1] >> 16) {
             if (sum) memset(sum + 4 * (size_t)w->kept.count, 0, 4 * sizeof *sum);
@@ -283,9 +286,9 @@ pbs_code pbs_clod_thin_cell(pbs_run *run, pbs_clod_raw *points, pbs_clod_cell *c
     pbs_clod_point *out = pbs_clod_points(points, c);
     int top = pbs_clod_top(c);
     if (c->count > PBS_CLOD_CELL) return thin_place(run, raw, c, w->kept.sum != NULL, err);
-    make_keys(raw, c, w->key);
+    make_keys(raw, c, w);
     sort_keys(w, (uint32_t)c->count, 3 * c->bits);
-    take_points(raw, c, w);
+    take_points(c, w);
     pbs_code rc = thin(w, (uint32_t)c->count, top, err);
     if (rc) return rc;
     order_levels(w, c);

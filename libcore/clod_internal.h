@@ -30,7 +30,7 @@ static inline bool pbs_clod_before(const uint32_t a[3], const uint32_t b[3]) {
 /* Working memory for one cell. */
 typedef struct pbs_clod_work {
     uint64_t *key, *other;
-    uint8_t (*colour)[4];
+    uint8_t (*colour)[4], (*unsorted)[4];
     int8_t *level;
     uint16_t *order;
     pbs_thin_set kept, next, rejected, *last; /* last: what is left */
