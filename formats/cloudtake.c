@@ -9,7 +9,6 @@
 
 enum {
     BATCH = 8192,
-    DEPTH = 7,             /* of the grid at most: 2^21 cells */
     PER_CELL = 4096,       /* points of a surface in a cell of it, or more */
     LATTICE_BITS = 23,     /* of clouds without a lattice of their own */
     IN_MEMORY = 160 << 20, /* bytes of points: more lie in a file */
@@ -346,7 +345,8 @@ static void coarsen(take *t, uint64_t points) {
 
 static pbs_code count_cells(take *t, batch *slots, int count, pbs_err *err) {
     int depth = 0, bits = t->out->lattice.bits;
-    while (depth < DEPTH && depth < bits && ldexp(PER_CELL, 2 * depth) < (double)t->all) depth++;
+    while (depth < PBS_CLOD_DEPTH && depth < bits && ldexp(PER_CELL, 2 * depth) < (double)t->all)
+        depth++;
     pbs_code rc = pbs_clod_grid_new(t->run, bits, depth, &t->grid, err);
     if (!rc) rc = pass(t, slots, count, err);
     if (rc) return rc;

@@ -26,6 +26,7 @@ enum {
     PBS_CLOD_CELL = 65536, /* points of a cell at most, but if all are at one place */
     PBS_CLOD_SIDE = 16,    /* a cell's side is at most 2^16 steps */
     PBS_CLOD_BITS = 31,    /* that of the whole cloud at most 2^31 */
+    PBS_CLOD_DEPTH = 7,    /* of a grid of cells at most */
     PBS_CLOD_KEEP = 3,     /* a cell is thinned up to 2^-3 of its side */
     PBS_CLOD_LEVELS = 34   /* room for k = -1 .. 32 */
 };
@@ -73,28 +74,21 @@ static inline int pbs_clod_top(const pbs_clod_cell *c) {
 /* Counts of a regular grid of cells in Morton order, 2^depth along each axis. */
 typedef struct pbs_clod_grid {
     uint32_t origin[3];
-    int bits, depth; /* of the cloud's side 2^bits; depth <= bits */
+    int bits, depth; /* of the cloud's side 2^bits; depth <= bits, PBS_CLOD_DEPTH */
     uint64_t *count; /* 8^depth */
     uint32_t *cell;  /* 8^depth: which cell of the octree; set by pbs_clod_cells */
+    uint32_t spread[1 << PBS_CLOD_DEPTH]; /* every third bit of a number */
 } pbs_clod_grid;
 
 pbs_code pbs_clod_grid_new(pbs_run *run, int bits, int depth, pbs_clod_grid *g, pbs_err *err);
 void pbs_clod_grid_free(pbs_run *run, pbs_clod_grid *g);
 
-/* Every third bit of up to ten. */
-static inline uint32_t pbs_clod_spread(uint32_t v) {
-    v = (v | v << 16) & 0x030000ff;
-    v = (v | v << 8) & 0x0300f00f;
-    v = (v | v << 4) & 0x030c30c3;
-    return (v | v << 2) & 0x09249249;
-}
-
 /* Place in the grid. */
 static inline uint32_t pbs_clod_place(const pbs_clod_grid *g, const uint32_t q[3]) {
     int shift = g->bits - g->depth;
-    return pbs_clod_spread((q[0] - g->origin[0]) >> shift) |
-           pbs_clod_spread((q[1] - g->origin[1]) >> shift) << 1 |
-           pbs_clod_spread((q[2] - g->origin[2]) >> shift) << 2;
+    return g->spread[(q[0] - g->origin[0]) >> shift] |
+           g->spread[(q[1] - g->origin[1]) >> shift] << 1 |
+           g->spread[(q[2] - g->origin[2]) >> shift] << 2;
 }
 
 typedef struct pbs_clod_cells {

@@ -13,6 +13,7 @@ pbs_code pbs_clod_work_new(pbs_run *run, bool colours, pbs_clod_work *w, pbs_err
     if (!rc) rc = pbs_alloc(run, &w->other, n, sizeof *w->other, what, err);
     if (!rc) rc = pbs_alloc(run, &w->colour, n, sizeof *w->colour, what, err);
     if (!rc) rc = pbs_alloc(run, &w->unsorted, n, sizeof *w->unsorted, what, err);
+    if (!rc) rc = pbs_alloc(run, &w->q, n, sizeof *w->q, what, err);
     if (!rc) rc = pbs_alloc(run, &w->level, n, sizeof *w->level, what, err);
     if (!rc) rc = pbs_alloc(run, &w->order, n, sizeof *w->order, what, err);
     if (!rc) rc = pbs_thin_set_new(run, n, colours, &w->kept, err);
@@ -28,6 +29,7 @@ void pbs_clod_work_free(pbs_run *run, pbs_clod_work *w) {
     pbs_free(run, w->other);
     pbs_free(run, w->colour);
     pbs_free(run, w->unsorted);
+    pbs_free(run, w->q);
     pbs_free(run, w->level);
     pbs_free(run, w->order);
     pbs_thin_set_free(run, &w->kept);
@@ -113,10 +115,13 @@ static void take_points(const pbs_clod_cell *c, pbs_clod_work *w) {
         memcpy(w->colour[i], w->unsorted[w->key[i] & 0xffff], 4);
         w->level[i] = -1;
         if (!i || m != w->key[i - 1] >> 16) {
+            uint32_t x = gather3(m), y = gather3(m >> 1), z = gather3(m >> 2);
+            w->q[i][0] = (uint16_t)x, w->q[i][1] = (uint16_t)y, w->q[i][2] = (uint16_t)z;
             if (sum) memset(sum + 4 * (size_t)w->kept.count, 0, 4 * sizeof *sum);
-            pbs_thin_put(&w->kept, (int32_t)(o[0] + gather3(m)), (int32_t)(o[1] + gather3(m >> 1)),
-                         (int32_t)(o[2] + gather3(m >> 2)), i);
-        }
+            pbs_thin_put(&w->kept, (int32_t)(o[0] + x), (int32_t)(o[1] + y), (int32_t)(o[2] + z),
+                         i);
+        } else
+            memcpy(w->q[i], w->q[i - 1], sizeof *w->q);
         if (sum) add_colour(sum + 4 * (size_t)(w->kept.count - 1), linear, w->colour[i]);
     }
 }
@@ -200,11 +205,8 @@ static void write_points(const pbs_clod_work *w, const pbs_clod_cell *c, pbs_clo
     for (int k = 0; k < PBS_CLOD_LEVELS - 1; k++) spacing[k] = pbs_clod_spacing(k - 1);
     for (uint32_t i = 0; i < c->count; i++) {
         uint32_t s = w->order[i];
-        uint64_t m = w->key[s] >> 16;
-        int k = w->level[s];
-        pbs_clod_point p = {
-            .q = {(uint16_t)gather3(m), (uint16_t)gather3(m >> 1), (uint16_t)gather3(m >> 2)},
-            .spacing = spacing[k + 1]};
+        pbs_clod_point p = {.spacing = spacing[w->level[s] + 1]};
+        memcpy(p.q, w->q[s], sizeof p.q);
         memcpy(p.colour, w->colour[s], 4);
         out[i] = p;
     }
@@ -233,22 +235,19 @@ static inline bool at_border(const pbs_clod_point *p, int bits, int k) {
     return false;
 }
 
-static pbs_code take_border(pbs_run *run, pbs_clod_cell *c, pbs_clod_point *p, pbs_err *err) {
+static pbs_code take_border(pbs_run *run, const pbs_clod_work *w, pbs_clod_cell *c,
+                            pbs_clod_point *p, pbs_err *err) {
+    pbs_clod_border *b = (void *)w->other; /* as large, and free */
     uint32_t n = 0;
-    for (int pass = 0; pass < 2; pass++) {
-        pbs_clod_border *b = pass ? pbs_clod_border_of(p, c) : NULL;
-        uint64_t i = 0;
-        n = 0;
-        for (int k = PBS_CLOD_LEVELS - 2; k > 0; k--)
-            for (uint64_t end = i + c->level[k + 1]; i < end; i++) {
-                if (!at_border(&p[i], c->bits, k)) continue;
-                if (b) b[n] = (pbs_clod_border){{p[i].q[0], p[i].q[1], p[i].q[2]}, (int16_t)k};
-                n++;
-            }
-        if (pass || n <= c->count / 2) continue;
-        pbs_code rc = pbs_alloc(run, &c->border, n, sizeof *b, "points at borders", err);
-        if (rc) return rc;
-    }
+    uint64_t i = 0;
+    pbs_code rc = PBS_OK;
+    for (int k = PBS_CLOD_LEVELS - 2; k > 0; k--)
+        for (uint64_t end = i + c->level[k + 1]; i < end; i++)
+            if (at_border(&p[i], c->bits, k))
+                b[n++] = (pbs_clod_border){{p[i].q[0], p[i].q[1], p[i].q[2]}, (int16_t)k};
+    if (n > c->count / 2) rc = pbs_alloc(run, &c->border, n, sizeof *b, "points at borders", err);
+    if (rc) return rc;
+    memcpy(pbs_clod_border_of(p, c), b, n * sizeof *b);
     c->border_count = n;
     return PBS_OK;
 }
@@ -294,7 +293,7 @@ pbs_code pbs_clod_thin_cell(pbs_run *run, pbs_clod_raw *points, pbs_clod_cell *c
     order_levels(w, c);
     write_points(w, c, out);
     rc = take_rest(run, w, c, out, top, err);
-    return rc ? rc : take_border(run, c, out, err);
+    return rc ? rc : take_border(run, w, c, out, err);
 }
 
 pbs_code pbs_clod_take_border(pbs_thin *t, pbs_clod_raw *points, const pbs_clod_cell *from,

@@ -7,6 +7,8 @@ enum { CUT_DEPTH = 5 }; /* of the grid that a cell with too many points is cut b
 pbs_code pbs_clod_grid_new(pbs_run *run, int bits, int depth, pbs_clod_grid *g, pbs_err *err) {
     size_t n = (size_t)1 << 3 * depth;
     *g = (pbs_clod_grid){.bits = bits, .depth = depth};
+    for (uint32_t v = 0; v < 1u << PBS_CLOD_DEPTH; v++)
+        for (int i = 0; i < PBS_CLOD_DEPTH; i++) g->spread[v] |= (v >> i & 1) << 3 * i;
     pbs_code rc = pbs_alloc(run, &g->count, n, sizeof *g->count, "the grid of cells", err);
     if (!rc) rc = pbs_alloc(run, &g->cell, n, sizeof *g->cell, "the grid of cells", err);
     if (rc)

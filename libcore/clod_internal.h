@@ -31,6 +31,7 @@ static inline bool pbs_clod_before(const uint32_t a[3], const uint32_t b[3]) {
 typedef struct pbs_clod_work {
     uint64_t *key, *other;
     uint8_t (*colour)[4], (*unsorted)[4];
+    uint16_t (*q)[3];
     int8_t *level;
     uint16_t *order;
     pbs_thin_set kept, next, rejected, *last; /* last: what is left */

@@ -135,6 +135,60 @@ static inline void take_near(pbs_thin *t, const window *w, int32_t x, int32_t y,
                               (py <= w->high[1]) & (pz >= w->low[2]) & (pz <= w->high[2]));
 }
 
+/* Points first .. first + count - 1 of a set. k: exponents of their spacings, NULL: they are kept
+ * and take colours. Room for 8 more than that is behind the list. */
+#ifdef __AVX2__
+static inline __m256 axis_from(const int32_t *p, int32_t corner) {
+    __m256i v = _mm256_loadu_si256((const __m256i *)(const void *)p);
+    return _mm256_cvtepi32_ps(_mm256_sub_epi32(v, _mm256_set1_epi32(corner)));
+}
+static inline __m256 within(__m256 v, float low, float high) {
+    return _mm256_and_ps(_mm256_cmp_ps(v, _mm256_set1_ps(low), _CMP_GE_OQ),
+                         _mm256_cmp_ps(v, _mm256_set1_ps(high), _CMP_LE_OQ));
+}
+static inline __m256 squares_of(const uint32_t *k) {
+    __m256i e = _mm256_loadu_si256((const __m256i *)(const void *)k);
+    __m256i more =
+        _mm256_and_si256(_mm256_cmpgt_epi32(e, _mm256_set1_epi32(11)), _mm256_set1_epi32(1 << 7));
+    e = _mm256_add_epi32(_mm256_add_epi32(e, e), _mm256_set1_epi32(127));
+    return _mm256_castsi256_ps(_mm256_or_si256(_mm256_slli_epi32(e, 23), more));
+}
+static void take_range(pbs_thin *t, const window *w, const pbs_thin_set *s, uint32_t first,
+                       uint32_t count, const uint32_t *k) {
+    size_t n = t->near_count, room = t->near_room;
+    for (uint32_t i = first; i < first + count; i += 8) {
+        uint32_t left = first + count - i;
+        __m256 x = axis_from(s->x + i, w->corner[0]), y = axis_from(s->y + i, w->corner[1]),
+               z = axis_from(s->z + i, w->corner[2]);
+        __m256 in = _mm256_and_ps(
+            within(x, w->low[0], w->high[0]),
+            _mm256_and_ps(within(y, w->low[1], w->high[1]), within(z, w->low[2], w->high[2])));
+        unsigned mask = (unsigned)_mm256_movemask_ps(in) & (left < 8 ? (1u << left) - 1 : 255);
+        if (!mask) continue;
+        /* the lanes that are in, one behind the other */
+        uint64_t bytes = _pext_u64(0x0706050403020100u, _pdep_u64(mask, 0x0101010101010101u) * 255);
+        __m256i lane = _mm256_cvtepu8_epi32(_mm_cvtsi64_si128((long long)bytes));
+        __m256i id = _mm256_add_epi32(lane, _mm256_set1_epi32((int)i));
+        __m256 square = k ? squares_of(k + i) : _mm256_set1_ps(INFINITY);
+        if (k) id = _mm256_set1_epi32((int)FIXED);
+        _mm256_storeu_ps(t->near + n, _mm256_permutevar8x32_ps(x, lane));
+        _mm256_storeu_ps(t->near + room + n, _mm256_permutevar8x32_ps(y, lane));
+        _mm256_storeu_ps(t->near + 2 * room + n, _mm256_permutevar8x32_ps(z, lane));
+        _mm256_storeu_ps(t->near + 3 * room + n, _mm256_permutevar8x32_ps(square, lane));
+        _mm256_storeu_si256((__m256i *)(void *)(t->near_id + n), id);
+        n += (size_t)__builtin_popcount(mask);
+    }
+    t->near_count = n;
+}
+#else
+static void take_range(pbs_thin *t, const window *w, const pbs_thin_set *s, uint32_t first,
+                       uint32_t count, const uint32_t *k) {
+    for (uint32_t i = first; i < first + count; i++)
+        take_near(t, w, s->x[i], s->y[i], s->z[i], k ? square_of((int)k[i]) : INFINITY,
+                  k ? FIXED : i);
+}
+#endif
+
 static pbs_code gather_block(pbs_thin *t, const pbs_thin_set *kept, const pbs_thin_block *b,
                              const window *w, size_t more, pbs_err *err) {
     size_t n = b->kept_count + b->tail_count;
@@ -143,11 +197,8 @@ static pbs_code gather_block(pbs_thin *t, const pbs_thin_set *kept, const pbs_th
         pbs_code rc = reserve_near(t, 2 * (t->near_count + n + more), err);
         return rc ? rc : (t->near_count = SIZE_MAX, PBS_OK);
     }
-    for (uint32_t i = b->kept; i < b->kept + b->kept_count; i++)
-        take_near(t, w, kept->x[i], kept->y[i], kept->z[i], INFINITY, i);
-    const pbs_thin_set *a = &t->tail;
-    for (uint32_t i = b->tail; i < b->tail + b->tail_count; i++)
-        take_near(t, w, a->x[i], a->y[i], a->z[i], square_of((int)a->id[i]), FIXED);
+    take_range(t, w, kept, b->kept, b->kept_count, NULL);
+    take_range(t, w, &t->tail, b->tail, b->tail_count, t->tail.id);
     for (uint32_t i = b->fixed; i; i = t->fixed[i - 1].next) {
         const struct pbs_thin_fixed *f = &t->fixed[i - 1];
         if (t->near_count + more + 16 > t->near_room) {
@@ -378,10 +429,10 @@ pbs_code pbs_thin_tail_run_avx2(pbs_thin *t, const pbs_thin_set *kept, const pbs
 
 pbs_code pbs_thin_set_new(pbs_run *run, size_t room, bool colours, pbs_thin_set *s, pbs_err *err) {
     memset(s, 0, sizeof *s);
-    pbs_code rc = pbs_alloc(run, &s->x, room, sizeof *s->x, "a level's points", err);
-    if (!rc) rc = pbs_alloc(run, &s->y, room, sizeof *s->y, "a level's points", err);
-    if (!rc) rc = pbs_alloc(run, &s->z, room, sizeof *s->z, "a level's points", err);
-    if (!rc) rc = pbs_alloc(run, &s->id, room, sizeof *s->id, "a level's points", err);
+    pbs_code rc = pbs_alloc(run, &s->x, room + 8, sizeof *s->x, "a level's points", err);
+    if (!rc) rc = pbs_alloc(run, &s->y, room + 8, sizeof *s->y, "a level's points", err);
+    if (!rc) rc = pbs_alloc(run, &s->z, room + 8, sizeof *s->z, "a level's points", err);
+    if (!rc) rc = pbs_alloc(run, &s->id, room + 8, sizeof *s->id, "a level's points", err);
     if (!rc && colours) rc = pbs_alloc(run, &s->sum, room, 4 * sizeof *s->sum, "colours", err);
     return rc;
 }
