@@ -1,4 +1,6 @@
-/* pbs-flatten: surfels and voxels of one or more streams into one archive in the player's order. */
+/* pbs-flatten: surfels and voxels of one or more streams into one archive in the player's order.
+ * Point clouds are flatten_cloud.c's. */
+#include "cmd/flatten_cloud.h"
 #include "cmd/tool.h"
 #include "formats/archive.h"
 #include "formats/scene.h"
@@ -6,8 +8,14 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const pbs_tool tool = {
-    "pbs-flatten", "Packs surfels and voxels into one archive", "[FILE...]", 0, -1, NULL, 0, false};
+static const pbs_tool tool = {"pbs-flatten",
+                              "Packs surfels and voxels, or point clouds, into one archive",
+                              "[FILE...]",
+                              0,
+                              -1,
+                              NULL,
+                              0,
+                              false};
 
 typedef struct input {
     pbs_reader *reader;
@@ -30,6 +38,7 @@ typedef struct entry {
 
 typedef struct job {
     pbs_app *app;
+    pbs_input first; /* of the first input, which is open already */
     input *inputs;
     size_t input_count;
     entry *entries;
@@ -61,12 +70,24 @@ static pbs_code read_channels(input *in, pbs_err *err) {
     return rc;
 }
 
+static pbs_code expect_stream(pbs_input *file, pbs_err *err) {
+    bool stream;
+    pbs_code rc = pbs_flatten_is_stream(file, &stream, err);
+    return rc || stream ? rc
+                        : pbs_fail(err, PBS_DATA,
+                                   "%s: no pbs stream, as the first file is: make an archive of "
+                                   "streams, and one of point clouds",
+                                   file->name);
+}
+
 static pbs_code open_input(job *j, input *in, const char *path, pbs_err *err) {
-    pbs_input file;
+    pbs_input file = j->first;
     pbs_run *run = &j->app->run;
-    pbs_code rc = pbs_input_open(run, path, &file, err);
+    pbs_code rc = in == j->inputs ? PBS_OK : pbs_input_open(run, path, &file, err);
     if (rc) return rc;
-    if ((rc = pbs_input_map(&file, err))) {
+    rc = expect_stream(&file, err);
+    if (!rc) rc = pbs_input_map(&file, err);
+    if (rc) {
         pbs_input_close(&file);
         return rc;
     }
@@ -437,10 +458,15 @@ static pbs_code flatten(job *j, pbs_err *err) {
 static pbs_code work(pbs_app *app, void *opt, pbs_err *err) {
     (void)opt;
     job j = {.app = app, .input_count = (size_t)app->common.operand_count};
+    bool done;
+    pbs_code rc = pbs_flatten_clouds(app, &j.first, &done, err);
+    if (rc || done) return rc;
     if (!j.input_count) j.input_count = 1;
-    if (!(j.inputs = calloc(j.input_count, sizeof *j.inputs)))
+    if (!(j.inputs = calloc(j.input_count, sizeof *j.inputs))) {
+        pbs_input_close(&j.first);
         return pbs_fail(err, PBS_LIMIT, "no memory");
-    pbs_code rc = flatten(&j, err);
+    }
+    rc = flatten(&j, err);
     if (!rc) {
         char channels[512];
         pbs_stat_count(app, "nodes", j.entry_count);

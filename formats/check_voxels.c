@@ -15,6 +15,7 @@ typedef struct member {
     size_t children; /* where they begin in the checker's list */
     uint32_t child_count;
     bool moved; /* some child is not where it was made */
+    bool adds;  /* its flag says that it is drawn with its children */
 } member;
 
 struct pbs_voxel_check {
@@ -68,6 +69,7 @@ pbs_code pbs_voxel_check_node(pbs_voxel_check *v, const pbs_node *n, pbs_err *er
     member *m = &v->nodes[n->id];
     memcpy(m->origin, n->origin, sizeof m->origin);
     m->cell = n->lattice;
+    m->adds = n->flags & PBS_NODE_ADDS;
     m->children = v->child_count;
     m->child_count = n->child_count;
     for (uint32_t i = 0; i < n->child_count; i++) {
@@ -255,6 +257,8 @@ pbs_code pbs_voxel_check_end(pbs_voxel_check *v, uint32_t materials, pbs_reader 
             rc = bad(v, (uint32_t)i, "faces beyond the end of their list", err);
         else if (m->voxels && !(m->cell > 0))
             rc = bad(v, (uint32_t)i, "the node says no side of cells", err);
+        else if (m->voxels && m->adds)
+            rc = bad(v, (uint32_t)i, "the node's flag says that they are points of a cloud", err);
         else if (m->voxels)
             rc = check_family(v, (uint32_t)i, err);
         if (!rc && i % 64 == 0) rc = pbs_run_check(v->run, err);

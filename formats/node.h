@@ -34,7 +34,9 @@ enum {
     PBS_NODE_BELOW = 1 << 8,
     PBS_NODE_USED = 1 << 9,     /* candidates: a node that follows needs the surfels of this one */
     PBS_NODE_CORNERS = 1 << 10, /* candidates: directions they are seen from */
-    PBS_NODE_FACES = 1 << 11
+    PBS_NODE_FACES = 1 << 11,
+    /* Archives: its points stay when those of its children are drawn (cloudpack.h). */
+    PBS_NODE_ADDS = 1 << 12
 };
 
 /* Writes the node as a chunk. Errors: PBS_LIMIT if it has millions of children. */

@@ -91,17 +91,21 @@ static pbs_code map_file(pbs_scratch *s, const pbs_output *spool, const char *wh
 
 pbs_code pbs_scratch_new(pbs_run *run, size_t count, size_t size, const char *what,
                          pbs_scratch *out, pbs_err *err) {
-    if (size && count > pbs_mem_left(run) / 4 / size)
-        return pbs_scratch_file(run, count, size, what, out, err);
-    *out = (pbs_scratch){.run = run, .size = count * size};
-    return pbs_alloc(run, &out->bytes, out->size, 1, what, err);
+    return pbs_scratch_within(run, count, size, what, SIZE_MAX, out, err);
 }
 
 pbs_code pbs_scratch_file(pbs_run *run, size_t count, size_t size, const char *what,
                           pbs_scratch *out, pbs_err *err) {
+    return pbs_scratch_within(run, count, size, what, 0, out, err);
+}
+
+pbs_code pbs_scratch_within(pbs_run *run, size_t count, size_t size, const char *what, size_t most,
+                            pbs_scratch *out, pbs_err *err) {
     *out = (pbs_scratch){.run = run};
     if (size && count > SIZE_MAX / 4 / size) return pbs_fail(err, PBS_LIMIT, "%s: too large", what);
     out->size = count * size;
+    if (out->size <= most && out->size <= pbs_mem_left(run) / 4)
+        return pbs_alloc(run, &out->bytes, out->size, 1, what, err);
     pbs_output spool;
     pbs_code rc = pbs_output_spool(run, &spool, err);
     if (rc) return rc;

@@ -53,6 +53,9 @@ typedef struct pbs_scratch {
  * is full, which is known here and not later. Free it also after an error. */
 pbs_code pbs_scratch_new(pbs_run *run, size_t count, size_t size, const char *what,
                          pbs_scratch *out, pbs_err *err);
+/* The same with at most `most` bytes in memory, whatever the limit leaves. */
+pbs_code pbs_scratch_within(pbs_run *run, size_t count, size_t size, const char *what, size_t most,
+                            pbs_scratch *out, pbs_err *err);
 /* The same, in a file whatever the size. */
 pbs_code pbs_scratch_file(pbs_run *run, size_t count, size_t size, const char *what,
                           pbs_scratch *out, pbs_err *err);

@@ -40,6 +40,18 @@ uint32_t pbs_cut_prefix(const pbs_spacings *s, double radius) {
     return low;
 }
 
+uint32_t pbs_cut_adding(const pbs_spacings *s, double radius) {
+    uint32_t low = 0, high = s->count;
+    while (low < high) {
+        uint32_t mid = low + (high - low) / 2;
+        if (spacing(s, mid) >= radius)
+            low = mid + 1;
+        else
+            high = mid;
+    }
+    return low;
+}
+
 double pbs_cut_depth(const pbs_camera *camera, double aspect, const pbs_box *box,
                      const double m[12]) {
     double view[12], square = 0, x = camera->tan_half * aspect, y = camera->tan_half;

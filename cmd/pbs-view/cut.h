@@ -32,6 +32,10 @@ double pbs_cut_radius(const pbs_spacings *s, uint32_t prefix);
 /* The shortest prefix whose pbs_cut_radius is at most `radius`; all if there is none. */
 uint32_t pbs_cut_prefix(const pbs_spacings *s, double radius);
 
+/* Of points whose spacing is that of their level: the prefix of those with at least `radius`; the
+ * ones behind are closer together than such discs are wide. */
+uint32_t pbs_cut_adding(const pbs_spacings *s, double radius);
+
 /* Depth, in view coordinates, that nothing of the box is nearer than which can be in the picture;
  * at least PBS_CAMERA_NEAR. m takes the box to the world. */
 double pbs_cut_depth(const pbs_camera *camera, double aspect, const pbs_box *box,

@@ -29,7 +29,7 @@ vec3 shade(vec3 p, vec3 n, vec3 albedo, float metallic, float roughness, vec3 em
 
     // Blinn and Phong for the key light; what a rough surface mirrors is spread thin.
     vec3 f0 = mix(vec3(0.04), albedo, metallic);
-    float fresnel = pow(1.0 - max(dot(n, v), 0.0), 5.0), gloss = 1.0 - roughness;
+    float fresnel = pow(clamp(1.0 - dot(n, v), 0.0, 1.0), 5.0), gloss = 1.0 - roughness;
     float shine = exp2(1.0 + 8.0 * gloss);
     float spot = pow(max(dot(n, normalize(key + v)), 0.0), shine) * (shine + 8.0) / 32.0;
     vec3 mirror = surroundings(dot(reflect(-v, n), sky)) + spot * max(dot(n, key), 0.0);

@@ -87,7 +87,24 @@ static void choose(const cut *c, const pbs_node *n, const double m[12], pbs_surf
     out->radius = pbs_cut_radius(&s, out->prefix);
 }
 
-static pbs_code add_surfels(cut *c, uint32_t id, const double m[12], pbs_err *err) {
+/* A node whose points stay when its children are drawn (cloudpack.h). All of them together close
+ * the surface: discs are as large as the camera allows, of points half as far apart, but not
+ * smaller than points of the cloud usually are apart. *finer: the children have points that are
+ * wanted, too. */
+static void choose_adding(const cut *c, const pbs_node *n, const double m[12], pbs_surfels *out,
+                          bool *finer) {
+    const pbs_show_options *o = c->show->options;
+    const pbs_show_view *v = c->view;
+    pbs_spacings s = spacings_of(&c->show->archive, n);
+    double depth = pbs_cut_depth(&v->camera, c->aspect, &n->box, m);
+    double wanted = pbs_cut_wanted(&v->camera, v->height, depth, v->surfel_size, m);
+    out->prefix = o->prefix ? (o->prefix < s.count ? (uint32_t)o->prefix : s.count)
+                            : pbs_cut_adding(&s, wanted / 2);
+    out->radius = fmax(o->prefix ? 0 : wanted, n->covering);
+    *finer = !o->prefix ? out->prefix == s.count : o->prefix > s.count;
+}
+
+static pbs_code add_surfels(cut *c, uint32_t id, const double m[12], bool *finer, pbs_err *err) {
     pbs_show *s = c->show;
     const pbs_archive *a = &s->archive;
     const pbs_node *n = &a->nodes[id];
@@ -104,7 +121,10 @@ static pbs_code add_surfels(cut *c, uint32_t id, const double m[12], pbs_err *er
                        .step = n->lattice};
     for (int k = 0; k < 3; k++) d->corner[k] = n->origin[k] + n->lattice_min[k];
     memcpy(d->m, m, sizeof d->m);
-    choose(c, n, m, d);
+    if (n->flags & PBS_NODE_ADDS)
+        choose_adding(c, n, m, d, finer);
+    else
+        choose(c, n, m, d);
     s->drawn_nodes++;
     s->drawn_surfels += d->prefix;
     return PBS_OK;
@@ -161,7 +181,9 @@ static pbs_code visit(void *ctx, uint32_t id, const double m[12], uint32_t flags
     if (chunks) return visit_voxels(c, &a->nodes[id], placed, descend, err);
     *descend = !a->records[id] && a->placings[id];
     if (!a->records[id]) return PBS_OK;
-    pbs_code rc = add_surfels(c, id, placed, err);
+    bool finer = false;
+    pbs_code rc = add_surfels(c, id, placed, &finer, err);
+    if (finer) *descend = true;
     return rc || !a->moving[id] ? rc : add_task(c, id, true, placed, err);
 }
 

@@ -6,7 +6,7 @@ bad=0
 for m in man/*.[157]; do
     dir=$(mktemp -d "$TMPDIR/examples.XXXXXX")
     ln -s $engine "$dir/engine.glb"
-    sed -n '/^\.Sh EXAMPLES/,/^\.Sh [^E]/p' "$m" | awk '/^\$ /{ on = 1; sub(/^\$ /, "") } on { print } on && !/\\$/{ on = 0 }' | sed -e 's/\\e$/\\/' -e 's/\\&//g' -e 's/\\-/-/g' >"$dir/commands"
+    sed -n '/^\.Sh EXAMPLES/,/^\.Sh [^E]/p' "$m" | awk '/^\$ /{ on = 1; sub(/^\$ /, "") } on { print } on && !/\\$/{ on = 0 }' | sed -e 's/\\e/\\/g' -e 's/\\&//g' -e 's/\\-/-/g' >"$dir/commands"
     [ -s "$dir/commands" ] || continue
     out=$(cd "$dir" && bash -e -o pipefail ./commands 2>&1 >/dev/null) || { echo "$m: the examples end with an error:"; echo "$out" | tail -5; bad=1; }
 done

@@ -87,6 +87,9 @@ static void no_side(vox_model *m) {
 static void moved(vox_model *m) {
     m->node[m->nodes - 1].child[1].m[3] = 0.5;
 }
+static void adds(vox_model *m) {
+    m->node[m->nodes - 1].flags = PBS_NODE_ADDS;
+}
 static void child_twice(vox_model *m) {
     m->node[m->nodes - 1].child[1].node = m->node[m->nodes - 1].child[0].node;
 }
@@ -121,6 +124,7 @@ static const struct {
     {"a weight below zero", negative, true, "no area"},
     {"no side", no_side, true, "no side of cells"},
     {"a child is moved", moved, true, "a child is moved"},
+    {"added to its children", adds, true, "points of a cloud"},
     {"a child twice", child_twice, true, "an eighth of it"},
     {"another level", wrong_level, true, "a cell outside of the grid"},
     {"another eighth", other_eighth, false, "that their children make"},

@@ -168,6 +168,17 @@ TEST(prefix_is_the_shortest_that_covers) {
     CHECK(pbs_cut_prefix(&none, 1) == 0 && pbs_cut_radius(&none, 3) == 0);
 }
 
+/* Equal spacings are one level: all of it or none. */
+TEST(levels_that_add_are_whole) {
+    const uint16_t half[] = {0x4000, 0x4000, 0x3c00, 0x3c00, 0x3c00, 0x3800, 0, 0}; /* 2 1 1/2 0 */
+    const double radius[] = {5, 4, 3, 2, 1.5, 1, 1e-9, 0};
+    const uint32_t prefix[] = {0, 2, 2, 5, 5, 6, 6, 8};
+    pbs_spacings s = {(const uint8_t *)half, 2, 8, 2, 0, 0}, none = {NULL, 2, 0, 1, 0, 0};
+    for (size_t i = 0; i < sizeof radius / sizeof *radius; i++)
+        CHECK_NUM(pbs_cut_adding(&s, radius[i]) == prefix[i], radius[i]);
+    CHECK(pbs_cut_adding(&none, 1) == 0);
+}
+
 /* Points of a placed box: those in the picture are at least that deep, and the box is visible. */
 TEST(depth_and_visibility_are_safe) {
     int hidden = 0, seen = 0;

@@ -18,7 +18,7 @@ typedef struct vox_node {
     uint32_t level, first, count;
     uint64_t chunk; /* Morton */
     pbs_child child[8];
-    uint32_t children;
+    uint32_t children, flags;
 } vox_node;
 
 typedef struct vox_model {
@@ -175,6 +175,7 @@ static inline void vox_write_node(pbs_run *run, const vox_model *m, uint32_t id,
     pbs_node node = pbs_voxel_node(&m->grid, &place, id, n->count, low, high);
     node.children = (pbs_child *)n->child;
     node.child_count = n->children;
+    node.flags = n->flags;
     must(pbs_node_write(run, w, &node, &err), &err);
 }
 

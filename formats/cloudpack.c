@@ -1,0 +1,235 @@
+/* cloudpack.c: from clouds to the archive (cloudpack.h). */
+#include "formats/cloudpack.h"
+#include "libcore/pipe.h"
+#include <math.h>
+#include <string.h>
+
+typedef struct slot {
+    size_t node;
+    pbs_clod_point *out, *scratch;
+    size_t room, scratch_room;
+} slot;
+
+typedef struct pack {
+    pbs_run *run;
+    pbs_cloud_points points;
+    pbs_clod_upper upper;
+    pbs_cloud_tree tree;
+    pbs_record record;
+    pbs_writer *w;
+    size_t next; /* node */
+    uint64_t done;
+} pack;
+
+/* ---- nodes ---- */
+
+static pbs_code write_nodes(pack *p, pbs_err *err) {
+    pbs_child children[8];
+    pbs_code rc = PBS_OK;
+    for (size_t i = p->tree.count; i-- && !rc;) {
+        pbs_node n = pbs_cloud_tree_node(&p->tree, i);
+        n.children = children;
+        for (uint32_t c = 0; c < n.child_count; c++) {
+            children[c] =
+                (pbs_child){.node = (uint32_t)(p->tree.count - 1 - p->tree.node[i].child - c)};
+            memcpy(children[c].m, PBS_IDENTITY, sizeof children[c].m);
+        }
+        rc = pbs_node_write(p->run, p->w, &n, err);
+    }
+    return rc;
+}
+
+/* ---- points: node | its points | written ---- */
+
+static pbs_code next_node(void *ctx, void *s, bool *end, pbs_err *err) {
+    (void)err;
+    pack *p = ctx;
+    while (p->next < p->tree.count && !p->tree.node[p->next].count) p->next++;
+    *end = p->next == p->tree.count;
+    if (!*end) ((slot *)s)->node = p->next++;
+    return PBS_OK;
+}
+
+/* Records of 8 bytes, if there are no colours. */
+static void pack_records(const pack *p, pbs_clod_point *points, size_t n) {
+    if (p->points.colours) return;
+    uint8_t *to = (uint8_t *)points;
+    for (size_t i = 0; i < n; i++) memmove(to + 8 * i, &points[i], 8);
+}
+
+static pbs_code work_node(void *ctx, void *s, int thread, pbs_err *err) {
+    (void)thread;
+    pack *p = ctx;
+    slot *to = s;
+    const pbs_cloud_node *n = &p->tree.node[to->node];
+    if (pbs_cloud_node_is_place(n)) return PBS_OK;
+    size_t room = (size_t)n->count;
+    pbs_code rc =
+        pbs_grow(p->run, &to->out, &to->room, room, sizeof *to->out, "a node's points", err);
+    if (!rc)
+        rc = pbs_grow(p->run, &to->scratch, &to->scratch_room, room, sizeof *to->scratch,
+                      "a node's points", err);
+    if (rc) return rc;
+    pbs_cloud_tree_points(&p->tree, to->node, to->out, to->scratch);
+    pack_records(p, to->out, room);
+    return PBS_OK;
+}
+
+static pbs_code write_chunks(pack *p, size_t node, uint64_t first, const pbs_clod_point *points,
+                             uint64_t n, pbs_err *err) {
+    pbs_code rc = PBS_OK;
+    for (uint64_t i = 0; i < n && !rc; i += PBS_ARCHIVE_CHUNK) {
+        uint64_t count = n - i < PBS_ARCHIVE_CHUNK ? n - i : PBS_ARCHIVE_CHUNK;
+        pbs_chunk c = {.tag = PBS_TAG_POINTS,
+                       .node = (uint32_t)(p->tree.count - 1 - node),
+                       .count = (uint32_t)count,
+                       .first = (uint32_t)(first + i)};
+        pbs_piece piece = {(const uint8_t *)points + (size_t)i * p->record.stride,
+                           (size_t)count * p->record.stride};
+        rc = pbs_writer_chunk(p->w, &c, &piece, 1, err);
+    }
+    return rc;
+}
+
+/* Points at one place, as they lie, but for the one that may have gone up. */
+static pbs_code write_place(pack *p, size_t node, pbs_err *err) {
+    const pbs_cloud_node *n = &p->tree.node[node];
+    const pbs_clod_cell *c = &p->points.cells.cell[n->first];
+    pbs_clod_point *from = pbs_clod_points(p->points.raw.bytes, c) + (c->count - n->count), *piece;
+    pbs_code rc =
+        pbs_alloc(p->run, &piece, PBS_ARCHIVE_CHUNK, sizeof *piece, "a place's points", err);
+    for (uint64_t i = 0; i < n->count && !rc; i += PBS_ARCHIVE_CHUNK) {
+        uint64_t count = n->count - i < PBS_ARCHIVE_CHUNK ? n->count - i : PBS_ARCHIVE_CHUNK;
+        memcpy(piece, from + i, (size_t)count * sizeof *piece);
+        pack_records(p, piece, (size_t)count);
+        rc = write_chunks(p, node, i, piece, count, err);
+        pbs_trim_now(&p->points.trim);
+    }
+    pbs_free(p->run, piece);
+    return rc;
+}
+
+static pbs_code sink_node(void *ctx, void *s, pbs_err *err) {
+    pack *p = ctx;
+    const slot *from = s;
+    const pbs_cloud_node *n = &p->tree.node[from->node];
+    pbs_code rc = pbs_cloud_node_is_place(n)
+                      ? write_place(p, from->node, err)
+                      : write_chunks(p, from->node, 0, from->out, n->count, err);
+    p->done += n->count;
+    pbs_trim_now(&p->points.trim);
+    pbs_run_progress(p->run, "writing", p->done, p->points.count);
+    return rc;
+}
+
+static pbs_code write_points(pack *p, pbs_err *err) {
+    slot *slots;
+    size_t count = 2 * (size_t)p->run->threads;
+    pbs_code rc = pbs_alloc(p->run, &slots, count, sizeof *slots, "the nodes", err);
+    if (rc) return rc;
+    memset(slots, 0, count * sizeof *slots);
+    pbs_pipe pipe = {.ctx = p,
+                     .source = next_node,
+                     .work = work_node,
+                     .sink = sink_node,
+                     .slots = slots,
+                     .slot_size = sizeof *slots,
+                     .slot_count = (int)count};
+    rc = pbs_pipe_run(p->run, &pipe, err);
+    for (size_t i = 0; i < count; i++) {
+        pbs_free(p->run, slots[i].out);
+        pbs_free(p->run, slots[i].scratch);
+    }
+    pbs_free(p->run, slots);
+    return rc;
+}
+
+/* ---- all ---- */
+
+static void trim(void *ctx) {
+    const pack *p = ctx;
+    pbs_trim_now(&p->points.trim);
+}
+
+static int top_level(const pack *p) {
+    int bits = p->points.lattice.bits;
+    return bits > PBS_CLOD_KEEP ? bits - PBS_CLOD_KEEP : 0;
+}
+
+static pbs_code make_levels(pack *p, pbs_err *err) {
+    pbs_clod_raw *raw = p->points.raw.bytes;
+    bool colours = p->points.colours;
+    pbs_code rc = pbs_clod_thin(p->run, raw, &p->points.cells, colours, trim, p, err);
+    if (!rc)
+        rc = pbs_clod_thin_upper(p->run, raw, &p->points.cells, top_level(p), colours, &p->upper,
+                                 err);
+    return rc ? rc : pbs_cloud_tree_new(p->run, &p->points, &p->upper, &p->tree, err);
+}
+
+static pbs_code write_archive(pack *p, const pbs_writer_desc *desc, pbs_err *err) {
+    pbs_writer_desc d = *desc;
+    char channels[256];
+    p->record =
+        pbs_record_make(PBS_POSITION | PBS_SPACING | (p->points.colours ? PBS_COLOUR : 0), true);
+    pbs_record_text(&p->record, channels);
+    d.kind = PBS_ARCHIVE;
+    d.channels = channels;
+    d.front = p->tree.count;
+    for (size_t i = 0; i < p->tree.count; i++)
+        d.front += pbs_points_chunks(p->tree.node[i].count, PBS_ARCHIVE_CHUNK);
+    pbs_code rc = pbs_writer_open(p->run, &d, &p->w, err);
+    if (!rc) rc = write_nodes(p, err);
+    if (!rc) rc = write_points(p, err);
+    return rc ? rc : pbs_writer_commit(p->w, err);
+}
+
+static void count_all(const pack *p, pbs_cloudpack_stats *s) {
+    const pbs_cloud_lattice *l = &p->points.lattice;
+    int top = -1, least = PBS_CLOD_LEVELS;
+    *s = (pbs_cloudpack_stats){.points = p->points.count,
+                               .left_out = p->points.left_out,
+                               .nodes = p->tree.count,
+                               .cells = p->points.cells.count,
+                               .bytes = pbs_writer_bytes(p->w),
+                               .step = l->step,
+                               .bound = l->bound,
+                               .record = p->record};
+    for (size_t i = 0; i < p->points.cells.count; i++) {
+        s->equal += p->tree.level[i][0];
+        for (int k = 0; k < PBS_CLOD_LEVELS - 1; k++) {
+            if (!p->tree.level[i][k + 1]) continue;
+            top = k > top ? k : top;
+            least = k < least ? k : least;
+        }
+    }
+    s->levels = top - least + 1 + (s->equal > 0);
+    s->root_spacing = ldexp(l->step, top);
+}
+
+enum { LEAST = 24 << 20, A_THREAD = 16 << 20, THREADS = 112 << 20 };
+
+/* A thread needs memory of its own; a thread less changes nothing but time. */
+static int threads_that_fit(pbs_run *run) {
+    size_t left = pbs_mem_left(run) / 2;
+    int most = (int)((left < THREADS ? left : THREADS) / A_THREAD);
+    if (run->mem_limit && run->mem_floor < pbs_mem_used(run) + LEAST)
+        run->mem_floor = pbs_mem_used(run) + LEAST;
+    return most < 1 ? 1 : most < run->threads ? most : run->threads;
+}
+
+pbs_code pbs_cloudpack(pbs_run *run, const pbs_cloud *clouds, size_t count,
+                       const pbs_writer_desc *desc, pbs_cloudpack_stats *stats, pbs_err *err) {
+    pack p = {.run = run};
+    int threads = run->threads;
+    run->threads = threads_that_fit(run);
+    pbs_code rc = pbs_cloud_take(run, clouds, count, &p.points, err);
+    if (!rc) rc = make_levels(&p, err);
+    if (!rc) rc = write_archive(&p, desc, err);
+    if (!rc) count_all(&p, stats);
+    pbs_writer_close(p.w);
+    pbs_cloud_tree_free(run, &p.tree);
+    pbs_clod_upper_free(run, &p.upper);
+    pbs_cloud_points_free(run, &p.points);
+    run->threads = threads;
+    return rc;
+}

@@ -1,0 +1,199 @@
+/* Levels of a point cloud: the cells in their groups, and what is left of them (clod.h). */
+#include "libcore/clod_internal.h"
+#include "libcore/pipe.h"
+#include <string.h>
+
+/* ---- groups of cells that do not touch ---- */
+
+enum { GROUPS = (PBS_CLOD_SIDE + 1) * 8 };
+
+/* Small cells first: what they leave is little, and large ones are few. */
+static int group_of(const pbs_clod_cell *c) {
+    int parity = 0;
+    for (int k = 0; k < 3; k++) parity |= (int)(c->origin[k] >> c->bits & 1) << k;
+    return 8 * c->bits + parity;
+}
+
+typedef struct job {
+    pbs_run *run;
+    pbs_clod_raw *points;
+    const pbs_clod_cells *cells;
+    pbs_clod_work *work; /* one a thread */
+    const uint32_t *group;
+} job;
+
+/* The first cell that does not come before a place. */
+static size_t lower_bound(const pbs_clod_cells *cells, const uint32_t at[3]) {
+    size_t low = 0, high = cells->count;
+    while (low < high) {
+        size_t mid = low + (high - low) / 2;
+        if (pbs_clod_before(cells->cell[mid].origin, at))
+            low = mid + 1;
+        else
+            high = mid;
+    }
+    return low;
+}
+
+/* The cells that are in the place of a neighbour of c's size, or are it, and came before c. */
+static pbs_code take_neighbour(const job *j, const pbs_clod_cell *c, const int64_t at[3],
+                               pbs_thin *t, pbs_err *err) {
+    uint32_t origin[3];
+    for (int k = 0; k < 3; k++) {
+        if (at[k] < 0 || at[k] >= (int64_t)1 << PBS_CLOD_BITS) return PBS_OK;
+        origin[k] = (uint32_t)at[k];
+    }
+    pbs_code rc = PBS_OK;
+    for (size_t i = lower_bound(j->cells, origin); i < j->cells->count && !rc; i++) {
+        const pbs_clod_cell *o = &j->cells->cell[i];
+        bool in = true;
+        for (int k = 0; k < 3; k++) in = in && o->origin[k] >> c->bits == origin[k] >> c->bits;
+        if (!in) break;
+        if (group_of(o) < group_of(c)) rc = pbs_clod_take_border(t, j->points, o, c, 0, err);
+    }
+    return rc;
+}
+
+static pbs_code thin_one(void *ctx, size_t i, int thread, pbs_err *err) {
+    const job *j = ctx;
+    pbs_clod_cell *c = &j->cells->cell[j->group[i]];
+    pbs_clod_work *w = &j->work[thread];
+    const int64_t side = (int64_t)1 << c->bits;
+    pbs_code rc = PBS_OK;
+    w->thin.fixed_count = 0;
+    for (int n = 0; n < 27 && !rc; n++) {
+        int64_t at[3] = {c->origin[0] + (n % 3 - 1) * side, c->origin[1] + (n / 3 % 3 - 1) * side,
+                         c->origin[2] + (n / 9 - 1) * side};
+        if (n != 13) rc = take_neighbour(j, c, at, &w->thin, err);
+    }
+    return rc ? rc : pbs_clod_thin_cell(j->run, j->points, c, w, err);
+}
+
+static pbs_code thin_groups(job *j, uint32_t *order, void (*done)(void *ctx), void *ctx,
+                            pbs_err *err) {
+    size_t at[GROUPS + 1] = {0}, end[GROUPS];
+    const pbs_clod_cells *cells = j->cells;
+    for (size_t i = 0; i < cells->count; i++) at[group_of(&cells->cell[i]) + 1]++;
+    for (int g = 0; g < GROUPS; g++) at[g + 1] += at[g];
+    memcpy(end, at, sizeof end);
+    for (size_t i = 0; i < cells->count; i++) order[end[group_of(&cells->cell[i])]++] = (uint32_t)i;
+    pbs_code rc = PBS_OK;
+    const size_t batch = 64; /* so that pages go soon enough */
+    for (int g = 0; g < GROUPS && !rc; g++)
+        for (size_t i = at[g]; i < end[g] && !rc; i += batch) {
+            size_t n = end[g] - i < batch ? end[g] - i : batch;
+            j->group = order + i;
+            rc = pbs_parallel(j->run, n, thin_one, j, err);
+            if (done) done(ctx);
+            pbs_run_progress(j->run, "levels", i + n, cells->count);
+        }
+    return rc;
+}
+
+pbs_code pbs_clod_thin(pbs_run *run, pbs_clod_raw *points, pbs_clod_cells *cells, bool colours,
+                       void (*done)(void *ctx), void *ctx, pbs_err *err) {
+    job j = {.run = run, .points = points, .cells = cells};
+    size_t threads = (size_t)run->threads;
+    uint32_t *order = NULL;
+    pbs_code rc = pbs_alloc(run, &j.work, threads, sizeof *j.work, "the threads", err);
+    if (rc) return rc;
+    memset(j.work, 0, threads * sizeof *j.work);
+    for (size_t i = 0; i < threads && !rc; i++)
+        rc = pbs_clod_work_new(run, colours, &j.work[i], err);
+    if (!rc) rc = pbs_alloc(run, &order, cells->count, sizeof *order, "the cells", err);
+    if (!rc) rc = thin_groups(&j, order, done, ctx, err);
+    pbs_free(run, order);
+    for (size_t i = 0; i < threads; i++) pbs_clod_work_free(run, &j.work[i]);
+    pbs_free(run, j.work);
+    return rc;
+}
+
+/* ---- what is left ---- */
+
+static pbs_code take_rests(pbs_run *run, pbs_clod_cells *cells, pbs_clod_upper *u, pbs_err *err) {
+    size_t n = 0;
+    for (size_t i = 0; i < cells->count; i++) n += cells->cell[i].rest_count;
+    pbs_code rc = pbs_alloc(run, &u->rest, n, sizeof *u->rest, "coarse points", err);
+    if (!rc) rc = pbs_alloc(run, &u->level, n, sizeof *u->level, "coarse points", err);
+    if (!rc)
+        rc = pbs_alloc(run, &u->first, cells->count + 1, sizeof *u->first, "coarse points", err);
+    for (size_t i = 0; i < cells->count && !rc; i++) {
+        pbs_clod_cell *c = &cells->cell[i];
+        u->first[i] = u->count;
+        if (c->rest_count) memcpy(u->rest + u->count, c->rest, c->rest_count * sizeof *c->rest);
+        memset(u->level + u->count, pbs_clod_top(c), c->rest_count);
+        u->count += c->rest_count;
+        pbs_free(run, c->rest);
+        c->rest = NULL;
+    }
+    if (!rc) u->first[cells->count] = u->count;
+    return rc;
+}
+
+typedef struct upper {
+    pbs_clod_raw *points;
+    const pbs_clod_cells *cells;
+    pbs_clod_upper *out;
+    pbs_thin thin;
+    pbs_thin_set set, kept, rejected;
+} upper;
+
+static pbs_code upper_level(upper *u, int k, pbs_err *err) {
+    pbs_clod_upper *out = u->out;
+    pbs_code rc = PBS_OK;
+    u->thin.fixed_count = 0;
+    for (size_t i = 0; i < u->cells->count && !rc; i++)
+        if (pbs_clod_top(&u->cells->cell[i]) >= k)
+            rc = pbs_clod_take_border(&u->thin, u->points, &u->cells->cell[i], NULL, k, err);
+    u->set.count = 0;
+    for (size_t i = 0; i < out->count; i++) {
+        const pbs_clod_rest *r = &out->rest[i];
+        if (out->level[i] != k - 1) continue;
+        if (u->set.sum) memcpy(u->set.sum + 4 * (size_t)u->set.count, r->sum, sizeof r->sum);
+        pbs_thin_put(&u->set, (int32_t)r->q[0], (int32_t)r->q[1], (int32_t)r->q[2], (uint32_t)i);
+    }
+    if (!rc) rc = pbs_thin_level(&u->thin, &u->set, k, false, &u->kept, &u->rejected, err);
+    for (uint32_t i = 0; i < u->kept.count && !rc; i++) {
+        uint32_t id = u->kept.id[i];
+        out->level[id] = (int8_t)k;
+        if (u->kept.sum) memcpy(out->rest[id].sum, u->kept.sum + 4 * (size_t)i, 16);
+    }
+    return rc;
+}
+
+static pbs_code upper_levels(pbs_run *run, upper *u, int top, pbs_err *err) {
+    int least = top;
+    for (size_t i = 0; i < u->cells->count; i++)
+        if (pbs_clod_top(&u->cells->cell[i]) < least) least = pbs_clod_top(&u->cells->cell[i]);
+    pbs_code rc = PBS_OK;
+    for (int k = least + 1; k <= top && !rc; k++) {
+        rc = pbs_run_check(run, err);
+        if (!rc) rc = upper_level(u, k, err);
+    }
+    return rc;
+}
+
+pbs_code pbs_clod_thin_upper(pbs_run *run, pbs_clod_raw *points, pbs_clod_cells *cells, int top,
+                             bool colours, pbs_clod_upper *out, pbs_err *err) {
+    upper u = {.points = points, .cells = cells, .out = out};
+    memset(out, 0, sizeof *out);
+    pbs_code rc = take_rests(run, cells, out, err);
+    if (!rc) rc = pbs_thin_new(run, out->count, &u.thin, err);
+    if (!rc) rc = pbs_thin_set_new(run, out->count, colours, &u.set, err);
+    if (!rc) rc = pbs_thin_set_new(run, out->count, colours, &u.kept, err);
+    if (!rc) rc = pbs_thin_set_new(run, out->count, colours, &u.rejected, err);
+    if (!rc) rc = upper_levels(run, &u, top, err);
+    pbs_thin_free(&u.thin);
+    pbs_thin_set_free(run, &u.set);
+    pbs_thin_set_free(run, &u.kept);
+    pbs_thin_set_free(run, &u.rejected);
+    if (rc) pbs_clod_upper_free(run, out);
+    return rc;
+}
+
+void pbs_clod_upper_free(pbs_run *run, pbs_clod_upper *u) {
+    pbs_free(run, u->rest);
+    pbs_free(run, u->first);
+    pbs_free(run, u->level);
+    memset(u, 0, sizeof *u);
+}

@@ -1,0 +1,316 @@
+/* One cell of a point cloud, thinned from fine to coarse (clod.h). */
+#include "libcore/clod_internal.h"
+#include "libcore/srgb.h"
+#include <string.h>
+
+enum { DIGIT = 12 };
+
+pbs_code pbs_clod_work_new(pbs_run *run, bool colours, pbs_clod_work *w, pbs_err *err) {
+    const char *what = "a cell of points";
+    const size_t n = PBS_CLOD_CELL;
+    memset(w, 0, sizeof *w);
+    pbs_code rc = pbs_alloc(run, &w->key, n, sizeof *w->key, what, err);
+    if (!rc) rc = pbs_alloc(run, &w->other, n, sizeof *w->other, what, err);
+    if (!rc) rc = pbs_alloc(run, &w->colour, n, sizeof *w->colour, what, err);
+    if (!rc) rc = pbs_alloc(run, &w->unsorted, n, sizeof *w->unsorted, what, err);
+    if (!rc) rc = pbs_alloc(run, &w->q, n, sizeof *w->q, what, err);
+    if (!rc) rc = pbs_alloc(run, &w->level, n, sizeof *w->level, what, err);
+    if (!rc) rc = pbs_alloc(run, &w->order, n, sizeof *w->order, what, err);
+    if (!rc) rc = pbs_thin_set_new(run, n, colours, &w->kept, err);
+    if (!rc) rc = pbs_thin_set_new(run, n, colours, &w->next, err);
+    if (!rc) rc = pbs_thin_set_new(run, n, colours, &w->rejected, err);
+    if (!rc) rc = pbs_thin_new(run, n, &w->thin, err);
+    if (rc) pbs_clod_work_free(run, w);
+    return rc;
+}
+
+void pbs_clod_work_free(pbs_run *run, pbs_clod_work *w) {
+    pbs_free(run, w->key);
+    pbs_free(run, w->other);
+    pbs_free(run, w->colour);
+    pbs_free(run, w->unsorted);
+    pbs_free(run, w->q);
+    pbs_free(run, w->level);
+    pbs_free(run, w->order);
+    pbs_thin_set_free(run, &w->kept);
+    pbs_thin_set_free(run, &w->next);
+    pbs_thin_set_free(run, &w->rejected);
+    pbs_thin_free(&w->thin);
+    memset(w, 0, sizeof *w);
+}
+
+/* ---- Morton order: keys of 48 bits, and 16 bits of where the point was ---- */
+
+static inline uint64_t spread(uint64_t v) {
+    v = (v | v << 16) & 0x0000ff0000ffull;
+    v = (v | v << 8) & 0x00f00f00f00full;
+    v = (v | v << 4) & 0x0c30c30c30c3ull;
+    return (v | v << 2) & 0x249249249249ull;
+}
+static inline uint32_t gather3(uint64_t v) {
+    v &= 0x249249249249ull;
+    v = (v | v >> 2) & 0x0c30c30c30c3ull;
+    v = (v | v >> 4) & 0x00f00f00f00full;
+    v = (v | v >> 8) & 0x0000ff0000ffull;
+    return (uint32_t)((v | v >> 16) & 0xffff);
+}
+
+static void make_keys(const pbs_clod_raw *raw, pbs_clod_cell *c, pbs_clod_work *w) {
+    uint32_t low[3] = {UINT32_MAX, UINT32_MAX, UINT32_MAX}, high[3] = {0};
+    for (uint32_t i = 0; i < c->count; i++) {
+        const uint32_t *q = raw[i].q;
+        for (int k = 0; k < 3; k++) {
+            low[k] = q[k] < low[k] ? q[k] : low[k];
+            high[k] = q[k] > high[k] ? q[k] : high[k];
+        }
+        uint64_t m = spread(q[0] - c->origin[0]) | spread(q[1] - c->origin[1]) << 1 |
+                     spread(q[2] - c->origin[2]) << 2;
+        w->key[i] = m << 16 | i;
+        memcpy(w->unsorted[i], raw[i].colour, 4);
+    }
+    memcpy(c->low, low, sizeof low);
+    memcpy(c->high, high, sizeof high);
+}
+
+/* Least significant digit first; the result is in w->key. */
+static void sort_keys(pbs_clod_work *w, uint32_t n, int bits) {
+    static const uint32_t mask = (1 << DIGIT) - 1;
+    uint32_t count[4][1 << DIGIT];
+    int digits = (bits + DIGIT - 1) / DIGIT;
+    memset(count, 0, (size_t)digits * sizeof count[0]);
+    for (uint32_t i = 0; i < n; i++)
+        for (int d = 0; d < digits; d++) count[d][w->key[i] >> (16 + DIGIT * d) & mask]++;
+    for (int d = 0; d < digits; d++) {
+        uint32_t at = 0, *c = count[d];
+        int shift = 16 + DIGIT * d;
+        if (c[w->key[0] >> shift & mask] == n) continue; /* all the same */
+        for (uint32_t i = 0; i <= mask; i++) {
+            uint32_t k = c[i];
+            c[i] = at;
+            at += k;
+        }
+        for (uint32_t i = 0; i < n; i++) w->other[c[w->key[i] >> shift & mask]++] = w->key[i];
+        uint64_t *t = w->key;
+        w->key = w->other, w->other = t;
+    }
+}
+
+/* ---- levels ---- */
+
+static inline void add_colour(float *sum, const float *linear, const uint8_t c[4]) {
+    for (int k = 0; k < 3; k++) sum[k] += linear[c[k]];
+    sum[3] += 1;
+}
+
+/* Fills the colours in Morton order and the set of all places; what is at the place of another
+ * point gives it its colour and has no level. */
+static void take_points(const pbs_clod_cell *c, pbs_clod_work *w) {
+    const float *linear = pbs_srgb()->linear;
+    uint32_t n = (uint32_t)c->count;
+    float *sum = w->kept.sum;
+    const uint32_t *o = c->origin;
+    w->kept.count = 0;
+    for (uint32_t i = 0; i < n; i++) {
+        uint64_t m = w->key[i] >> 16;
+        memcpy(w->colour[i], w->unsorted[w->key[i] & 0xffff], 4);
+        w->level[i] = -1;
+        if (!i || m != w->key[i - 1] >> 16) {
+            uint32_t x = gather3(m), y = gather3(m >> 1), z = gather3(m >> 2);
+            w->q[i][0] = (uint16_t)x, w->q[i][1] = (uint16_t)y, w->q[i][2] = (uint16_t)z;
+            if (sum) memset(sum + 4 * (size_t)w->kept.count, 0, 4 * sizeof *sum);
+            pbs_thin_put(&w->kept, (int32_t)(o[0] + x), (int32_t)(o[1] + y), (int32_t)(o[2] + z),
+                         i);
+        } else
+            memcpy(w->q[i], w->q[i - 1], sizeof *w->q);
+        if (sum) add_colour(sum + 4 * (size_t)(w->kept.count - 1), linear, w->colour[i]);
+    }
+}
+
+/* The first level: one at which a part of the points, but not most of them, has others near. A
+ * cell of side 2^(k - 1) keeps one point at most. */
+static int first_level(const pbs_clod_work *w, uint32_t n, int top) {
+    uint32_t at[17] = {0}, alone = w->kept.count, together = 0;
+    for (uint32_t i = 1; i < n; i++) {
+        uint64_t differ = (w->key[i] ^ w->key[i - 1]) >> 16;
+        if (differ) at[(63 - __builtin_clzll(differ)) / 3]++;
+    }
+    for (int k = 1; k < top; k++) {
+        if (k > 1) together += at[k - 2];
+        if (8 * (uint64_t)together >= alone) return k;
+    }
+    return top;
+}
+
+static void drop_fixed(pbs_thin *t, int below) {
+    size_t n = 0;
+    for (size_t i = 0; i < t->fixed_count; i++)
+        if (t->fixed[i].k >= below) t->fixed[n++] = t->fixed[i];
+    t->fixed_count = n;
+}
+
+static inline void mean_colour(const pbs_srgb_table *t, const float *sum, uint8_t colour[4]) {
+    float weight = 1 / sum[3];
+    for (int k = 0; k < 3; k++) colour[k] = pbs_srgb_encode(t, sum[k] * weight);
+}
+
+static void set_levels(const pbs_clod_work *w, const pbs_thin_set *s, int k) {
+    const pbs_srgb_table *t = pbs_srgb();
+    for (uint32_t i = 0; i < s->count; i++) {
+        w->level[s->id[i]] = (int8_t)k;
+        if (s->sum) mean_colour(t, s->sum + 4 * (size_t)i, w->colour[s->id[i]]);
+    }
+}
+
+static pbs_code thin(pbs_clod_work *w, uint32_t n, int top, pbs_err *err) {
+    pbs_thin_set *from = &w->kept, *to = &w->next;
+    pbs_code rc = PBS_OK;
+    for (int first = first_level(w, n, top), k = first; k <= top && top && !rc; k++) {
+        drop_fixed(&w->thin, k > first ? k : 0);
+        rc = pbs_thin_level(&w->thin, from, k, k == first, to, &w->rejected, err);
+        if (!rc && k == first)
+            rc = pbs_thin_tail(&w->thin, to, &w->rejected, k, w->level, err);
+        else if (!rc)
+            set_levels(w, &w->rejected, k - 1);
+        pbs_thin_set *t = from;
+        from = to, to = t;
+    }
+    if (!rc) set_levels(w, from, top);
+    w->last = from;
+    return rc;
+}
+
+/* ---- what comes out ---- */
+
+uint16_t pbs_clod_spacing(int k) {
+    /* 2^(k - 16), below 2^-14 a number without leading one */
+    return (uint16_t)(k < 0 ? 0 : k > 1 ? (k - 1) << 10 : 256 << k);
+}
+
+void pbs_clod_rest_colour(const pbs_clod_rest *r, uint8_t colour[4]) {
+    mean_colour(pbs_srgb(), r->sum, colour);
+    colour[3] = r->alpha;
+}
+
+/* Places in w->order, by level from the coarsest on, and in Morton order. */
+static void order_levels(pbs_clod_work *w, pbs_clod_cell *c) {
+    uint32_t n = (uint32_t)c->count, at[PBS_CLOD_LEVELS], first = 0;
+    memset(c->level, 0, sizeof c->level);
+    for (uint32_t i = 0; i < n; i++) c->level[w->level[i] + 1]++;
+    for (int k = PBS_CLOD_LEVELS; k--; first += (uint32_t)c->level[k]) at[k] = first;
+    for (uint32_t i = 0; i < n; i++) w->order[at[w->level[i] + 1]++] = (uint16_t)i;
+}
+
+static void write_points(const pbs_clod_work *w, const pbs_clod_cell *c, pbs_clod_point *out) {
+    uint16_t spacing[PBS_CLOD_LEVELS];
+    for (int k = 0; k < PBS_CLOD_LEVELS - 1; k++) spacing[k] = pbs_clod_spacing(k - 1);
+    for (uint32_t i = 0; i < c->count; i++) {
+        uint32_t s = w->order[i];
+        pbs_clod_point p = {.spacing = spacing[w->level[s] + 1]};
+        memcpy(p.q, w->q[s], sizeof p.q);
+        memcpy(p.colour, w->colour[s], 4);
+        out[i] = p;
+    }
+}
+
+static pbs_code take_rest(pbs_run *run, const pbs_clod_work *w, pbs_clod_cell *c,
+                          const pbs_clod_point *p, int top, pbs_err *err) {
+    c->rest_count = (uint32_t)c->level[top + 1];
+    pbs_code rc = pbs_alloc(run, &c->rest, c->rest_count, sizeof *c->rest, "coarse points", err);
+    for (uint32_t i = 0; i < c->rest_count && !rc; i++) {
+        pbs_clod_rest *r = &c->rest[i];
+        for (int k = 0; k < 3; k++) r->q[k] = c->origin[k] + p[i].q[k];
+        r->alpha = p[i].colour[3];
+        if (w->last->sum)
+            memcpy(r->sum, w->last->sum + 4 * (size_t)i, sizeof r->sum);
+        else
+            memset(r->sum, 0, sizeof r->sum);
+    }
+    return rc;
+}
+
+static inline bool at_border(const pbs_clod_point *p, int bits, int k) {
+    int32_t side = 1 << bits, s = 1 << k;
+    for (int a = 0; a < 3; a++)
+        if (p->q[a] + 1 < s || side - p->q[a] < s) return true;
+    return false;
+}
+
+static pbs_code take_border(pbs_run *run, const pbs_clod_work *w, pbs_clod_cell *c,
+                            pbs_clod_point *p, pbs_err *err) {
+    pbs_clod_border *b = (void *)w->other; /* as large, and free */
+    uint32_t n = 0;
+    uint64_t i = 0;
+    pbs_code rc = PBS_OK;
+    for (int k = PBS_CLOD_LEVELS - 2; k > 0; k--)
+        for (uint64_t end = i + c->level[k + 1]; i < end; i++)
+            if (at_border(&p[i], c->bits, k))
+                b[n++] = (pbs_clod_border){{p[i].q[0], p[i].q[1], p[i].q[2]}, (int16_t)k};
+    if (n > c->count / 2) rc = pbs_alloc(run, &c->border, n, sizeof *b, "points at borders", err);
+    if (rc) return rc;
+    memcpy(pbs_clod_border_of(p, c), b, n * sizeof *b);
+    c->border_count = n;
+    return PBS_OK;
+}
+
+/* All points at one place, more than the arrays are for. */
+static pbs_code thin_place(pbs_run *run, pbs_clod_raw *raw, pbs_clod_cell *c, bool colours,
+                           pbs_err *err) {
+    pbs_clod_point *out = (pbs_clod_point *)(void *)raw;
+    const float *linear = pbs_srgb()->linear;
+    double sum[3] = {0};
+    memcpy(c->low, c->origin, sizeof c->low);
+    memcpy(c->high, c->origin, sizeof c->high);
+    for (uint64_t i = 0; i < c->count; i++) {
+        pbs_clod_point p = {.spacing = pbs_clod_spacing(i ? -1 : 0)};
+        memcpy(p.colour, raw[i].colour, 4);
+        for (int k = 0; k < 3; k++) sum[k] += (double)linear[p.colour[k]];
+        out[i] = p; /* in front of what is still to be read */
+    }
+    c->level[1] = 1;
+    c->level[0] = c->count - 1;
+    c->rest_count = 1;
+    pbs_code rc = pbs_alloc(run, &c->rest, 1, sizeof *c->rest, "coarse points", err);
+    if (rc) return rc;
+    *c->rest = (pbs_clod_rest){.alpha = out->colour[3]};
+    memcpy(c->rest->q, c->origin, sizeof c->rest->q);
+    if (!colours) return PBS_OK;
+    for (int k = 0; k < 3; k++) c->rest->sum[k] = (float)sum[k];
+    c->rest->sum[3] = (float)c->count;
+    return PBS_OK;
+}
+
+pbs_code pbs_clod_thin_cell(pbs_run *run, pbs_clod_raw *points, pbs_clod_cell *c, pbs_clod_work *w,
+                            pbs_err *err) {
+    pbs_clod_raw *raw = points + c->first;
+    pbs_clod_point *out = pbs_clod_points(points, c);
+    int top = pbs_clod_top(c);
+    if (c->count > PBS_CLOD_CELL) return thin_place(run, raw, c, w->kept.sum != NULL, err);
+    make_keys(raw, c, w);
+    sort_keys(w, (uint32_t)c->count, 3 * c->bits);
+    take_points(c, w);
+    pbs_code rc = thin(w, (uint32_t)c->count, top, err);
+    if (rc) return rc;
+    order_levels(w, c);
+    write_points(w, c, out);
+    rc = take_rest(run, w, c, out, top, err);
+    return rc ? rc : take_border(run, w, c, out, err);
+}
+
+pbs_code pbs_clod_take_border(pbs_thin *t, pbs_clod_raw *points, const pbs_clod_cell *from,
+                              const pbs_clod_cell *box, int least, pbs_err *err) {
+    const pbs_clod_border *b = pbs_clod_border_of(pbs_clod_points(points, from), from);
+    pbs_code rc = pbs_thin_reserve_fixed(t, from->border_count, err);
+    for (uint32_t i = 0; i < from->border_count && !rc; i++) {
+        if (b[i].k < least) break; /* they fall */
+        int64_t s = (int64_t)1 << b[i].k;
+        struct pbs_thin_fixed f = {.k = b[i].k};
+        bool near = true;
+        for (int k = 0; k < 3; k++) {
+            int64_t q = (int64_t)from->origin[k] + b[i].q[k], o = box ? box->origin[k] : q;
+            f.at[k] = (int32_t)q;
+            near = near && q > o - s && q < o + ((int64_t)1 << (box ? box->bits : 0)) - 1 + s;
+        }
+        if (near) t->fixed[t->fixed_count++] = f;
+    }
+    return rc;
+}

@@ -1,0 +1,49 @@
+/* clod_internal.h: what the files of clod.h share. */
+#ifndef PBS_CLOD_INTERNAL_H
+#define PBS_CLOD_INTERNAL_H
+
+#include "libcore/clod.h"
+
+/* A point that neighbours of its cell must respect, relative to the cell. */
+typedef struct pbs_clod_border {
+    uint16_t q[3];
+    int16_t k;
+} pbs_clod_border;
+
+static inline void *pbs_clod_border_of(pbs_clod_point *p, const pbs_clod_cell *c) {
+    return c->border ? c->border : p + c->count;
+}
+
+/* Morton order of two places. */
+static inline bool pbs_clod_before(const uint32_t a[3], const uint32_t b[3]) {
+    uint32_t most = 0;
+    int axis = 0;
+    for (int k = 0; k < 3; k++) {
+        uint32_t differ = a[k] ^ b[k];
+        /* The axis with the highest bit that differs; of equal ones the last. */
+        if (differ < most && differ < (differ ^ most)) continue;
+        axis = k, most = differ;
+    }
+    return a[axis] < b[axis];
+}
+
+/* Working memory for one cell. */
+typedef struct pbs_clod_work {
+    uint64_t *key, *other;
+    uint8_t (*colour)[4], (*unsorted)[4];
+    uint16_t (*q)[3];
+    int8_t *level;
+    uint16_t *order;
+    pbs_thin_set kept, next, rejected, *last; /* last: what is left */
+    pbs_thin thin;
+} pbs_clod_work;
+
+pbs_code pbs_clod_work_new(pbs_run *run, bool colours, pbs_clod_work *w, pbs_err *err);
+void pbs_clod_work_free(pbs_run *run, pbs_clod_work *w);
+/* The points that it must respect are in w->thin.fixed. */
+pbs_code pbs_clod_thin_cell(pbs_run *run, pbs_clod_raw *points, pbs_clod_cell *c, pbs_clod_work *w,
+                            pbs_err *err);
+/* Appends a neighbour's border points of at least k to t's, if they matter for a box. */
+pbs_code pbs_clod_take_border(pbs_thin *t, pbs_clod_raw *points, const pbs_clod_cell *from,
+                              const pbs_clod_cell *box, int least, pbs_err *err);
+#endif
