@@ -22,8 +22,8 @@ common  := -g -Wall -Wextra -Wshadow -fvisibility=hidden -ffp-contract=off -fno-
            -I. -DPBS_VERSION='"$(VERSION)"' -D_GNU_SOURCE -MMD -MP
 opt_release := -O2
 opt_debug   := -O0
-opt_asan    := -O1 -fsanitize=address,undefined -fno-sanitize-recover=undefined -fno-omit-frame-pointer
-opt_tsan    := -O1 -fsanitize=thread
+opt_asan    := -O1 -fno-var-tracking -fsanitize=address,undefined -fno-sanitize-recover=undefined -fno-omit-frame-pointer
+opt_tsan    := -O1 -fno-var-tracking -fsanitize=thread
 ifeq ($(opt_$(config)),)
 $(error config=$(config): one of release, debug, asan, tsan)
 endif
