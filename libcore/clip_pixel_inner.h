@@ -229,10 +229,10 @@ static void pixel_emit(const clip_job *job, clip_pixels *px, const pixel_result 
                   (uint32_t)px->at[i][1] * step[1] + (uint32_t)r->first[i] * step[2];
     if (out->count + 12 >= PBS_FRAGMENTS) out->flush(out->ctx, out);
     for (uint32_t bits = r->sure >> 4; bits; bits &= bits - 1) {
-        int i = __builtin_ctz(bits);
+        int i = __builtin_ctz(bits), o = i / 4, lane = i % 4;
         out->fragment[out->count++] =
-            (pbs_fragment){cell[i % 4] + (uint32_t)(i / 4) * step[2], job->triangle, r->area[0][i],
-                           r->u[0][i], r->v[0][i]};
+            (pbs_fragment){cell[lane] + (uint32_t)o * step[2], job->triangle, r->area[o][lane],
+                           r->u[o][lane], r->v[o][lane]};
     }
     if (r->maybe) pixel_emit_maybe(job, px, r, edges);
 }
