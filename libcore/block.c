@@ -1,17 +1,6 @@
 #include "libcore/block_inner.h"
 #include "libcore/raster.h"
-
-typedef double d4 __attribute__((vector_size(32)));
-typedef int64_t l4 __attribute__((vector_size(32)));
-typedef float f4 __attribute__((vector_size(16)));
-typedef int32_t i4 __attribute__((vector_size(16)));
-typedef d4 d4_at __attribute__((aligned(8), may_alias));
-typedef l4 l4_at __attribute__((aligned(8), may_alias));
-
-/* Vectors are returned from inlined functions only, so how the ABI does that is no matter. */
-#pragma GCC diagnostic ignored "-Wpsabi"
-
-#define LANE __attribute__((always_inline)) static inline
+#include "libcore/vectors.h"
 
 /* ---- fragments ---- */
 

@@ -1,21 +1,13 @@
 /* block_means.c: from sums to attributes of voxels: means by area (paper 2, section 3). Four voxels
  * at a time; what is 64 bits wide becomes a float one by one, so that it is rounded once. */
 #include "libcore/block_inner.h"
-#if defined(__SSE2__)
-#include <emmintrin.h>
-#endif
+#include "libcore/vectors.h"
 
-typedef float f4 __attribute__((vector_size(16)));
 typedef float f2 __attribute__((vector_size(8)));
 typedef double d2 __attribute__((vector_size(16)));
-typedef int32_t i4 __attribute__((vector_size(16)));
 typedef int64_t l2 __attribute__((vector_size(16)));
 typedef l2 l2_at __attribute__((aligned(8), may_alias));
 
-/* Vectors are returned from inlined functions only, so how the ABI does that is no matter. */
-#pragma GCC diagnostic ignored "-Wpsabi"
-
-#define LANE  __attribute__((always_inline)) static inline
 #define SCALE ((float)(1 / PBS_UNIT))
 
 /* Sums of a voxel in units: area times normal of both sides together, and the area; the difference
@@ -65,14 +57,6 @@ LANE void turn(const f4 in[4], f4 out[4]) {
     out[3] = __builtin_shufflevector(c, d, 2, 3, 6, 7);
 }
 
-LANE f4 sqrt4f(f4 v) {
-#if defined(__SSE2__)
-    return (f4)_mm_sqrt_ps((__m128)v);
-#else
-    for (int i = 0; i < 4; i++) v[i] = sqrtf(v[i]);
-    return v;
-#endif
-}
 LANE i4 round4(f4 v) {
 #if defined(__SSE2__)
     return (i4)_mm_cvtps_epi32((__m128)v);

@@ -7,22 +7,10 @@
 #define PBS_CLIP_LANES_INNER_H
 
 #include "libcore/clip_inner.h"
-#if defined(__AVX2__)
-#include <immintrin.h>
-#endif
+#include "libcore/vectors.h"
 
-typedef double d4 __attribute__((vector_size(32)));
-typedef float f4 __attribute__((vector_size(16)));
-typedef int32_t i4 __attribute__((vector_size(16)));
-typedef int64_t l4 __attribute__((vector_size(32)));
-typedef d4 d4_at __attribute__((aligned(8), may_alias));
-typedef f4 f4_at __attribute__((aligned(4), may_alias));
-#define LANE __attribute__((always_inline)) static inline
 /* So that vectors in arrays stay in registers. */
 #define UNROLL _Pragma("GCC unroll 8")
-
-/* Vectors are passed to inlined functions only, so how the ABI does that is no matter. */
-#pragma GCC diagnostic ignored "-Wpsabi"
 
 LANE d4 all4(double x) {
     return (d4){x, x, x, x};

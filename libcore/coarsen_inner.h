@@ -12,23 +12,8 @@
 #include "libcore/coarsen.h"
 #include "libcore/srgb.h"
 #include "libcore/vec.h"
+#include "libcore/vectors.h"
 #include <float.h>
-#if defined(__SSE2__)
-#include <emmintrin.h>
-#endif
-
-typedef float f4 __attribute__((vector_size(16)));
-typedef uint32_t u4 __attribute__((vector_size(16)));
-typedef int32_t i4 __attribute__((vector_size(16)));
-
-#define LANE __attribute__((always_inline)) static inline
-
-/* Vectors are returned from inlined functions only, so how the ABI does that is no matter. */
-#pragma GCC diagnostic ignored "-Wpsabi"
-
-/* A view of chunk's arrays is only as aligned as their elements. */
-typedef u4 u4_at __attribute__((aligned(4), may_alias));
-typedef f4 f4_at __attribute__((aligned(4), may_alias));
 
 #define PBS_COARSEN_BLOCK 2048 /* children at a time: all their arrays lie in the first caches */
 #define PBS_COARSEN_SLACK 16   /* elements behind an array's end that may be read and written */
@@ -72,14 +57,6 @@ typedef struct pbs_coarsen_block {
 
 LANE f4 mask4(f4 v, u4 mask) {
     return (f4)((u4)v & mask);
-}
-LANE f4 sqrt4(f4 v) {
-#if defined(__SSE2__)
-    return (f4)_mm_sqrt_ps((__m128)v);
-#else
-    for (int i = 0; i < 4; i++) v[i] = sqrtf(v[i]);
-    return v;
-#endif
 }
 LANE f4 all4(float v) {
     return (f4){v, v, v, v};
@@ -268,7 +245,7 @@ LANE void finish_normals(const pbs_coarsen_block *b, const pbs_cell_rows *in, pb
         f4 w = __builtin_shuffle(ac2, de2, (i4){2, 3, 6, 7});
         f4 l2 = x * x + y * y + z * z, w2 = w * w;
         u4 unit = (u4)(l2 >= w2 * UNIT_LOW) & (u4)(l2 <= w2 * UNIT_HIGH);
-        f4 k = pick4(unit, all4(1), all4(511)) / pick4(unit, w, sqrt4(l2));
+        f4 k = pick4(unit, all4(1), all4(511)) / pick4(unit, w, sqrt4f(l2));
         *to_u(normal + g) = round10(x * k) | round10(y * k) << 10 | round10(z * k) << 20;
         u4 p = *at_u(place + g);
         u4 plain = (u4)(l2 >= w2 * THIN) & (u4)(w >= PLAIN_LOW) & (u4)(w <= PLAIN_HIGH);

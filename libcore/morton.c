@@ -1,12 +1,8 @@
 #include "libcore/morton.h"
+#include "libcore/vectors.h"
 #include <string.h>
 
-typedef uint32_t u4 __attribute__((vector_size(16)));
-typedef int32_t i4 __attribute__((vector_size(16)));
 typedef uint8_t b16 __attribute__((vector_size(16)));
-typedef u4 u4_at __attribute__((aligned(4), may_alias));
-
-#pragma GCC diagnostic ignored "-Wpsabi"
 
 /* The highest bit in which they differ decides, of equally high ones that of the later axis. */
 bool pbs_morton_before(const uint32_t a[3], const uint32_t b[3]) {
@@ -21,12 +17,12 @@ bool pbs_morton_before(const uint32_t a[3], const uint32_t b[3]) {
 
 /* ---- looked at ---- */
 
-static inline __attribute__((always_inline)) u4 spread4(u4 v) {
+LANE u4 spread4(u4 v) {
     v = (v | v << 8) & 0x00f00f;
     v = (v | v << 4) & 0x0c30c3;
     return (v | v << 2) & 0x249249;
 }
-static inline __attribute__((always_inline)) i4 codes4(const uint32_t *place) {
+LANE i4 codes4(const uint32_t *place) {
     u4 p = *(const u4_at *)(uintptr_t)place;
     return (i4)(spread4(p & 255) | spread4(p >> 8 & 255) << 1 | spread4(p >> 16 & 255) << 2);
 }
@@ -52,7 +48,7 @@ bool pbs_morton_sorted(const uint32_t *place, size_t n, uint32_t *last) {
     return sorted;
 }
 
-static inline __attribute__((always_inline)) b16 pick16(b16 which, b16 then, b16 other) {
+LANE b16 pick16(b16 which, b16 then, b16 other) {
     return (then & which) | (other & ~which);
 }
 

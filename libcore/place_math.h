@@ -6,22 +6,7 @@
 #define PBS_PLACE_MATH_H
 
 #include "libcore/place.h"
-#if defined(__SSE2__)
-#include <immintrin.h>
-#endif
-
-typedef double d4 __attribute__((vector_size(32)));
-typedef float f4 __attribute__((vector_size(16)));
-typedef int32_t i4 __attribute__((vector_size(16)));
-typedef int64_t l4 __attribute__((vector_size(32)));
-typedef d4 d4_at __attribute__((aligned(8), may_alias));
-typedef f4 f4_at __attribute__((aligned(4), may_alias));
-typedef i4 i4_at __attribute__((aligned(4), may_alias));
-
-#define LANE __attribute__((always_inline)) static inline
-
-/* Vectors are returned from inlined functions only, so how the ABI does that is no matter. */
-#pragma GCC diagnostic ignored "-Wpsabi"
+#include "libcore/vectors.h"
 
 LANE d4 load4(const double *p) {
     return *(const d4_at *)(const void *)p;
@@ -167,22 +152,6 @@ LANE void normals_all(const pbs_placing *g, pbs_batch *b) {
             b->slot[i + (uint32_t)lane] = far;
         }
     }
-}
-
-LANE f4 abs4f(f4 v) {
-    return (f4)((i4)v & INT32_MAX);
-}
-/* v with the sign of s turned over where s is negative */
-LANE f4 turn4f(f4 v, f4 s) {
-    return (f4)((i4)v ^ ((i4)s & INT32_MIN));
-}
-LANE f4 sqrt4f(f4 v) {
-#if defined(__SSE2__)
-    return (f4)_mm_sqrt_ps((__m128)v);
-#else
-    for (int i = 0; i < 4; i++) v[i] = sqrtf(v[i]);
-    return v;
-#endif
 }
 
 /* Vertex normals decoded as in vec.h, and placed. */

@@ -6,25 +6,8 @@
 #define PBS_RESOLVE_MATH_H
 
 #include "libcore/resolve.h"
-#if defined(__SSE2__)
-#include <emmintrin.h>
-#endif
+#include "libcore/vectors.h"
 
-typedef double d4 __attribute__((vector_size(32)));
-typedef float f4 __attribute__((vector_size(16)));
-typedef int32_t i4 __attribute__((vector_size(16)));
-typedef int64_t l4 __attribute__((vector_size(32)));
-
-#define LANE __attribute__((always_inline)) static inline
-
-/* Vectors are returned from inlined functions only, so how the ABI does that is no matter. */
-#pragma GCC diagnostic ignored "-Wpsabi"
-
-/* Vectors in arrays that are only as aligned as their elements. */
-typedef d4 d4_at __attribute__((aligned(8), may_alias));
-typedef l4 l4_at __attribute__((aligned(8), may_alias));
-typedef f4 f4_at __attribute__((aligned(4), may_alias));
-typedef i4 i4_at __attribute__((aligned(4), may_alias));
 LANE d4_at *at_d(const double *p) {
     return (d4_at *)(uintptr_t)p;
 }
@@ -36,22 +19,6 @@ LANE f4_at *at_f(const float *p) {
 }
 LANE i4_at *at_i(const int32_t *p) {
     return (i4_at *)(uintptr_t)p;
-}
-
-LANE f4 sqrt4(f4 v) {
-#if defined(__SSE2__)
-    return (f4)_mm_sqrt_ps((__m128)v);
-#else
-    for (int i = 0; i < 4; i++) v[i] = sqrtf(v[i]);
-    return v;
-#endif
-}
-LANE f4 abs4(f4 v) {
-    return (f4)((i4)v & 0x7fffffff);
-}
-/* v with the sign of s turned over where s is negative */
-LANE f4 turn4(f4 v, f4 s) {
-    return (f4)((i4)v ^ ((i4)s & INT32_MIN));
 }
 
 typedef struct d43 {
@@ -121,9 +88,9 @@ LANE d43 smooth_four(const pbs_lanes *b, int i) {
         i4 packed = *at_i(&b->normal[c][i]);
         f4 x = __builtin_convertvector((packed << 16) >> 16, f4) * (1 / 32767.0f);
         f4 y = __builtin_convertvector(packed >> 16, f4) * (1 / 32767.0f);
-        f4 z = 1 - abs4(x) - abs4(y), t = (f4)((i4)(-z) & (z < 0));
-        x -= turn4(t, x), y -= turn4(t, y);
-        f4 w = __builtin_convertvector(*at_d(&b->b[c][i]), f4) / sqrt4(x * x + y * y + z * z);
+        f4 z = 1 - abs4f(x) - abs4f(y), t = (f4)((i4)(-z) & (z < 0));
+        x -= turn4f(t, x), y -= turn4f(t, y);
+        f4 w = __builtin_convertvector(*at_d(&b->b[c][i]), f4) / sqrt4f(x * x + y * y + z * z);
         sum[0] += w * x, sum[1] += w * y, sum[2] += w * z;
     }
     return (d43){__builtin_convertvector(sum[0], d4), __builtin_convertvector(sum[1], d4),
@@ -138,11 +105,11 @@ LANE i4 encode_four(const d43 *n) {
     f4 x = __builtin_convertvector((d4)((l4)(n->x * inv) & good), f4);
     f4 y = __builtin_convertvector((d4)((l4)(n->y * inv) & good), f4);
     i4 low = __builtin_convertvector(n->z, f4) < 0;
-    f4 u = turn4(1 - abs4(y), x), v = turn4(1 - abs4(x), y);
+    f4 u = turn4f(1 - abs4f(y), x), v = turn4f(1 - abs4f(x), y);
     x = (f4)((low & (i4)u) | (~low & (i4)x)), y = (f4)((low & (i4)v) | (~low & (i4)y));
     const f4 half = {0.5f, 0.5f, 0.5f, 0.5f};
-    i4 ix = __builtin_convertvector(x * 32767.0f + turn4(half, x), i4);
-    i4 iy = __builtin_convertvector(y * 32767.0f + turn4(half, y), i4);
+    i4 ix = __builtin_convertvector(x * 32767.0f + turn4f(half, x), i4);
+    i4 iy = __builtin_convertvector(y * 32767.0f + turn4f(half, y), i4);
     return (ix & 0xffff) | (iy << 16);
 }
 
