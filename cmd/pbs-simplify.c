@@ -41,7 +41,9 @@ static pbs_code work(pbs_app *app, void *opt, pbs_err *err) {
     pbs_simplified s;
     pbs_levels_params params = {o->least, (uint32_t)o->levels};
     uint32_t channels;
-    pbs_code rc = pbs_reader_open_path(run, pbs_operand(app, 0), PBS_KIND(PBS_VOXELS), &r, err);
+    pbs_input in;
+    pbs_code rc = pbs_input_open_both(run, pbs_operand(app, 0), &in, err);
+    if (!rc) rc = pbs_reader_open(run, &in, PBS_KIND(PBS_VOXELS), &r, err);
     if (rc) return rc;
     rc = pbs_voxels_parse(pbs_reader_name(r), pbs_reader_channels(r), &channels, err);
     if (!rc)

@@ -99,7 +99,8 @@ pbs_code pbs_reader_open_path(pbs_run *run, const char *path, uint32_t kinds, pb
 bool pbs_is_container(const uint8_t *bytes, size_t n);
 
 /* The next chunk but directory pages, checked; payload is valid until the next call (in a map:
- * until close). *end: the footer was reached and everything agrees. */
+ * until close, unless it came from pbs_input_open_both). *end: the footer was reached and
+ * everything agrees. */
 pbs_code pbs_reader_next(pbs_reader *r, pbs_chunk *chunk, bool *end, pbs_err *err);
 
 /* Random access, mapped inputs only (pbs_input_map makes one of a pipe). entries is the whole
@@ -109,7 +110,7 @@ pbs_code pbs_reader_directory(pbs_reader *r, const pbs_chunk **entries, size_t *
 /* The payload behind an entry as it lies in the map, without a look at it or its checksum: for its
  * first bytes, where the rest is not to be read. NULL if the file is too short, or no map. */
 const void *pbs_reader_peek(const pbs_reader *r, const pbs_chunk *entry);
-/* Reads and checks the chunk behind an entry. */
+/* Reads and checks the chunk behind an entry; its payload is valid as above. */
 pbs_code pbs_reader_at(pbs_reader *r, const pbs_chunk *entry, pbs_chunk *chunk, pbs_err *err);
 
 pbs_kind pbs_reader_kind(const pbs_reader *r);

@@ -31,7 +31,7 @@ static pbs_code open_failed(const pbs_run *run, const char *name, pbs_err *err) 
     return rc ? rc : pbs_fail_errno(err, "%s", name);
 }
 
-pbs_code pbs_input_open(pbs_run *run, const char *path, pbs_input *in, pbs_err *err) {
+pbs_code pbs_input_open_both(pbs_run *run, const char *path, pbs_input *in, pbs_err *err) {
     memset(in, 0, sizeof *in);
     in->run = run;
     bool standard = !path || !strcmp(path, "-");
@@ -52,15 +52,24 @@ pbs_code pbs_input_open(pbs_run *run, const char *path, pbs_input *in, pbs_err *
         if (map_fd(in->fd, in->size, &in->bytes)) rc = pbs_fail_errno(err, "%s: map", in->name);
         in->mapped = !rc;
     }
-    /* A map needs no descriptor, and a program may have thousands of inputs. */
-    if (rc || in->mapped) close(in->fd), in->fd = -1;
+    if (rc) close(in->fd), in->fd = -1;
     return rc;
 }
 
-static pbs_code read_fully(pbs_input *in, uint8_t *to, size_t n, size_t *got, pbs_err *err) {
+/* A map needs no descriptor, and a program may have thousands of inputs. */
+pbs_code pbs_input_open(pbs_run *run, const char *path, pbs_input *in, pbs_err *err) {
+    pbs_code rc = pbs_input_open_both(run, path, in, err);
+    if (!rc && in->mapped) close(in->fd), in->fd = -1;
+    return rc;
+}
+
+/* From byte `at` of a file, or, if that is NULL, on. */
+static pbs_code read_fully(pbs_input *in, const uint64_t *at, uint8_t *to, size_t n, size_t *got,
+                           pbs_err *err) {
     *got = 0;
     while (*got < n) {
-        ssize_t r = read(in->fd, to + *got, n - *got);
+        ssize_t r = at ? pread(in->fd, to + *got, n - *got, (off_t)(*at + *got))
+                       : read(in->fd, to + *got, n - *got);
         if (r == 0) break;
         if (r < 0 && errno == EINTR) {
             pbs_code rc = pbs_run_check(in->run, err);
@@ -83,7 +92,7 @@ pbs_code pbs_input_peek(pbs_input *in, const uint8_t **bytes, size_t *n, pbs_err
     }
     if (!in->ahead) {
         if (!(in->ahead = malloc(AHEAD))) return pbs_fail(err, PBS_LIMIT, "no memory");
-        pbs_code rc = read_fully(in, in->ahead, AHEAD, &in->ahead_size, err);
+        pbs_code rc = read_fully(in, NULL, in->ahead, AHEAD, &in->ahead_size, err);
         if (rc) return rc;
     }
     *bytes = in->ahead;
@@ -98,9 +107,14 @@ pbs_code pbs_input_read(pbs_input *in, void *to, size_t n, size_t *got, pbs_err 
     if (head > n) head = n;
     if (head) memcpy(to, in->ahead + in->ahead_used, head);
     in->ahead_used += head;
-    pbs_code rc = read_fully(in, (uint8_t *)to + head, n - head, &rest, err);
+    pbs_code rc = read_fully(in, NULL, (uint8_t *)to + head, n - head, &rest, err);
     *got = head + rest;
     return rc;
+}
+
+pbs_code pbs_input_read_at(pbs_input *in, uint64_t at, void *to, size_t n, size_t *got,
+                           pbs_err *err) {
+    return read_fully(in, &at, to, n, got, err);
 }
 
 pbs_code pbs_input_map(pbs_input *in, pbs_err *err) {

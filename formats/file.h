@@ -11,7 +11,7 @@
 #include <string.h>
 
 typedef struct pbs_input {
-    int fd;               /* -1 if mapped */
+    int fd;               /* -1 if mapped, unless it was opened to be read as well */
     bool mapped;          /* bytes and size are valid */
     const uint8_t *bytes; /* of the whole file; NULL if it is empty */
     uint64_t size;
@@ -30,6 +30,13 @@ static inline const char *pbs_base_name(const char *path) {
 /* path NULL or "-": standard input. Regular files are mapped, pipes are not. Errors: PBS_IO;
  * PBS_DATA for a directory. */
 pbs_code pbs_input_open(pbs_run *run, const char *path, pbs_input *in, pbs_err *err);
+/* The same, and a file that is mapped stays open, to be read as well. What is looked at once, from
+ * front to back, comes cheaper as a copy than through the map, whose pages cost a fault each and
+ * count as the program's memory until they are given back. */
+pbs_code pbs_input_open_both(pbs_run *run, const char *path, pbs_input *in, pbs_err *err);
+/* Reads up to n bytes from byte `at` of such a file; *got < n only at its end. */
+pbs_code pbs_input_read_at(pbs_input *in, uint64_t at, void *to, size_t n, size_t *got,
+                           pbs_err *err);
 /* What the input begins with; *n is at most 64 and less only if the input is shorter. */
 pbs_code pbs_input_peek(pbs_input *in, const uint8_t **bytes, size_t *n, pbs_err *err);
 /* Makes a map of a pipe: spools it to a nameless file in $TMPDIR. */

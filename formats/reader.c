@@ -30,18 +30,18 @@ static pbs_code bad(const pbs_reader *r, pbs_err *err, const char *what) {
                     what);
 }
 
-/* n bytes at r->at: from the map, or read into to. */
+/* n bytes at r->at: in the map, or read into to. */
 static pbs_code fetch(pbs_reader *r, uint8_t *to, size_t n, const uint8_t **out, pbs_err *err) {
-    if (r->in.mapped) {
-        if (r->at > r->in.size || n > r->in.size - r->at) goto cut;
-        *out = r->in.bytes + r->at;
-    } else {
-        size_t got;
-        pbs_code rc = pbs_input_read(&r->in, to, n, &got, err);
-        if (rc) return rc;
-        if (got < n) goto cut;
-        *out = to;
-    }
+    size_t got = n;
+    pbs_code rc = PBS_OK;
+    if (r->in.mapped && (r->at > r->in.size || n > r->in.size - r->at)) goto cut;
+    if (!r->in.mapped)
+        rc = pbs_input_read(&r->in, to, n, &got, err);
+    else if (r->in.fd >= 0)
+        rc = pbs_input_read_at(&r->in, r->at, to, n, &got, err);
+    if (rc) return rc;
+    if (got < n) goto cut;
+    *out = r->in.fd >= 0 ? to : r->in.bytes + r->at;
     r->at += n;
     return PBS_OK;
 cut:
@@ -199,19 +199,25 @@ static pbs_code parse_chunk(pbs_reader *r, const uint8_t *h, pbs_chunk *c, pbs_e
     return PBS_OK;
 }
 
+static pbs_code make_buffer(pbs_reader *r, size_t n, pbs_err *err) {
+    if (n <= r->buffer_cap && r->buffer) return PBS_OK;
+    pbs_free(r->run, r->buffer);
+    r->buffer = NULL;
+    size_t cap = r->buffer_cap * 2 > n && r->buffer_cap * 2 <= pbs_mem_left(r->run) / 8
+                     ? r->buffer_cap * 2
+                     : n;
+    r->buffer_cap = 0;
+    pbs_code rc = pbs_alloc(r->run, &r->buffer, cap, 1, "a chunk's buffer", err);
+    if (!rc) r->buffer_cap = cap;
+    return rc;
+}
+
 static pbs_code fetch_payload(pbs_reader *r, pbs_chunk *c, pbs_err *err) {
     size_t n = (size_t)(c->bytes + pbs_padding(c->bytes, PBS_ALIGN));
-    pbs_code rc = PBS_OK;
     const uint8_t *p;
-    if (!r->in.mapped && (n > r->buffer_cap || !r->buffer)) {
-        pbs_free(r->run, r->buffer);
-        r->buffer = NULL;
-        r->buffer_cap = 0;
-        rc = pbs_alloc(r->run, &r->buffer, n, 1, "a chunk's buffer", err);
-        if (rc) return rc;
-        r->buffer_cap = n;
-    }
-    if ((rc = fetch(r, r->buffer, n, &p, err))) return rc;
+    pbs_code rc = r->in.fd >= 0 ? make_buffer(r, n, err) : PBS_OK;
+    if (!rc) rc = fetch(r, r->buffer, n, &p, err);
+    if (rc) return rc;
     c->payload = c->bytes ? p : NULL;
     char tag[5];
     if (pbs_crc32c(0, p, (size_t)c->bytes) != c->crc || !all_zero(p + c->bytes, n - c->bytes))
@@ -307,9 +313,10 @@ pbs_code pbs_reader_next(pbs_reader *r, pbs_chunk *c, bool *end, pbs_err *err) {
 
 static pbs_code read_page(pbs_reader *r, uint64_t page, uint64_t total, pbs_err *err) {
     pbs_chunk c;
+    uint8_t fixed[CHUNK_FIXED];
     const uint8_t *h;
     c.offset = r->at;
-    pbs_code rc = fetch(r, NULL, CHUNK_FIXED, &h, err);
+    pbs_code rc = fetch(r, fixed, CHUNK_FIXED, &h, err);
     if (!rc) rc = parse_chunk(r, h, &c, err);
     if (!rc) rc = fetch_payload(r, &c, err);
     if (rc) return rc;
@@ -381,14 +388,15 @@ const void *pbs_reader_peek(const pbs_reader *r, const pbs_chunk *e) {
 
 pbs_code pbs_reader_at(pbs_reader *r, const pbs_chunk *entry, pbs_chunk *c, pbs_err *err) {
     uint64_t at = r->at;
-    const uint8_t *h = NULL;
+    uint8_t fixed[CHUNK_FIXED];
+    const uint8_t *h;
     r->at = c->offset = entry->offset;
     if (entry->offset % PBS_ALIGN) {
         pbs_code rc = bad(r, err, "a chunk that is not aligned");
         r->at = at;
         return rc;
     }
-    pbs_code rc = fetch(r, NULL, CHUNK_FIXED, &h, err);
+    pbs_code rc = fetch(r, fixed, CHUNK_FIXED, &h, err);
     if (!rc) rc = parse_chunk(r, h, c, err);
     if (!rc && (c->tag != entry->tag || c->flags != entry->flags || c->node != entry->node ||
                 c->count != entry->count || c->bytes != entry->bytes || c->crc != entry->crc ||

@@ -74,22 +74,14 @@ static pbs_code check_chunk(reading *d, pbs_err *err) {
     return PBS_OK;
 }
 
-static bool good_weights(const float *w, size_t n) {
-    bool good = true;
-    for (size_t i = 0; i < n; i++) good = good & (w[i] >= 0) & (w[i] < INFINITY);
-    return good;
-}
-
 /* Everything but the order. */
-static const char *fault_of(const pbs_voxel_place *place, const pbs_voxels *v) {
-    uint8_t low[3] = {255, 255, 255}, high[3] = {0, 0, 0};
-    uint32_t faces = 0;
-    pbs_place_bounds(v->place, v->count, low, high);
-    for (size_t i = 0; i < v->count; i++) faces |= v->place[i];
+static const char *fault_of(const pbs_voxel_place *place, const pbs_voxels *v,
+                            const pbs_place_look *look) {
     for (int k = 0; k < 3; k++)
-        if (place->chunk[k] * PBS_CHUNK + high[k] >= place->size) return "a cell outside the grid";
-    if (faces >> 31) return "faces that there are none of";
-    if (v->weight && !good_weights(v->weight, v->count)) return "a weight that is no area";
+        if (place->chunk[k] * PBS_CHUNK + look->high[k] >= place->size)
+            return "a cell outside the grid";
+    if (look->any >> 31) return "faces that there are none of";
+    if (v->weight && !pbs_are_areas(v->weight, v->count)) return "a weight that is no area";
     return NULL;
 }
 
@@ -120,9 +112,13 @@ static pbs_code take_finest(reading *d, const pbs_chunk *c, const pbs_voxels *v,
     bool first = d->have == v->count; /* lists of faces may have come before */
     pbs_code rc = first ? check_chunk(d, err) : PBS_OK;
     if (rc) return rc;
-    const char *fault = fault_of(&d->place, v);
+    pbs_place_look look = PBS_LOOK_NONE;
+    look.last = d->last;
+    pbs_look_at_places(&look, v->place, v->count);
+    const char *fault = fault_of(&d->place, v, &look);
     if (fault) return bad(d, fault, err);
-    bool sorted = pbs_morton_sorted(v->place, v->count, &d->last);
+    bool sorted = look.sorted;
+    d->last = look.last;
     if (d->fate == PASSED && !sorted) return bad(d, "not in Morton order from here on", err);
     if (d->fate == PASSED || (d->fate == NONE && sorted && !(d->channels & PBS_FACE)))
         return pass(d, c, v, err);
@@ -480,9 +476,7 @@ static pbs_code take_entry(reading *d, const pbs_chunk *entry, pbs_err *err) {
     pbs_chunk c;
     pbs_code rc = pbs_run_check(d->run, err);
     if (!rc) rc = pbs_reader_at(d->r, entry, &c, err);
-    if (!rc) rc = take_chunk(d, &c, err);
-    if (!rc) pbs_pages_rest(c.payload, (size_t)c.bytes);
-    return rc;
+    return rc ? rc : take_chunk(d, &c, err);
 }
 
 static bool of_nodes(uint32_t tag) {

@@ -1,5 +1,4 @@
 #include "formats/voxellevels.h"
-#include "libcore/morton.h"
 #include <string.h>
 
 /* ---- nodes ---- */
@@ -42,8 +41,7 @@ static void reset(pbs_levels *s, uint32_t l) {
     pbs_level_out *o = &s->level[l];
     pbs_pile_clear(&o->voxels);
     pbs_pile_clear(&o->faces);
-    memset(o->low, 255, sizeof o->low);
-    memset(o->high, 0, sizeof o->high);
+    o->look = PBS_LOOK_NONE;
     o->child_count = 0;
     o->below = PBS_BOX_EMPTY;
 }
@@ -52,7 +50,8 @@ static pbs_code end_chunk(pbs_levels *s, uint32_t l, const uint32_t chunk[3], pb
     pbs_level_out *o = &s->level[l];
     pbs_voxel_place place = {l, s->whole, s->size, {chunk[0], chunk[1], chunk[2]}};
     pbs_child child[8];
-    pbs_node n = pbs_voxel_node(&s->grid, &place, s->next, o->voxels.count, o->low, o->high);
+    pbs_node n =
+        pbs_voxel_node(&s->grid, &place, s->next, o->voxels.count, o->look.low, o->look.high);
     bool above = goes_on(s, l, o->voxels.count);
     add_box(&n.box, &o->below);
     if (!above && l >= s->whole) {
@@ -85,7 +84,7 @@ static pbs_code take(void *ctx, uint32_t l, const uint32_t chunk[3], const pbs_v
     pbs_levels *s = ctx;
     pbs_level_out *o = &s->level[l];
     if (l > s->last) return PBS_OK;
-    pbs_place_bounds(v->place, v->count, o->low, o->high);
+    pbs_look_at_places(&o->look, v->place, v->count);
     pbs_code rc = pbs_pile_add(&o->voxels, v, (uint32_t)o->faces.count, err);
     if (!rc && v->face) rc = take_faces(o, faces, face_count, err);
     return rc || !done ? rc : end_chunk(s, l, chunk, err);

@@ -11,6 +11,7 @@
 #include "formats/voxelpile.h"
 #include "formats/voxelstream.h"
 #include "libcore/coarsen.h"
+#include "libcore/morton.h"
 
 #define PBS_LEVELS_MAX 32
 
@@ -21,7 +22,7 @@ typedef struct pbs_levels_params {
 
 typedef struct pbs_level_out {
     pbs_pile voxels, faces;
-    uint8_t low[3], high[3];
+    pbs_place_look look;
     uint32_t child[8], child_count;
     pbs_box below; /* of the children */
 } pbs_level_out;

@@ -23,6 +23,10 @@ static void cut_part(pbs_pile_part *part, uint32_t channels) {
 /* In memory while more than half of it is free. */
 static pbs_code new_part(pbs_pile *p, pbs_err *err) {
     const char *what = "voxels of a chunk";
+    if (p->parts < p->made) {
+        p->part[p->parts++].v.count = 0;
+        return PBS_OK;
+    }
     size_t stride = pbs_voxels_stride(p->channels);
     bool plenty = pbs_mem_left(p->run) / 2 > pbs_mem_used(p->run);
     pbs_code rc =
@@ -37,7 +41,7 @@ static pbs_code new_part(pbs_pile *p, pbs_err *err) {
         return rc;
     }
     cut_part(part, p->channels);
-    p->parts++;
+    p->made = ++p->parts;
     return PBS_OK;
 }
 
@@ -119,15 +123,19 @@ pbs_code pbs_pile_write_faces(pbs_pile *p, pbs_writer *w, uint32_t node, bool co
                           : pbs_faces_write(w, node, colour, p->held.place, p->held.count, 0, err);
 }
 
+/* The first parts stay, as long as they are in memory. */
 void pbs_pile_clear(pbs_pile *p) {
-    while (p->parts) pbs_scratch_free(&p->part[--p->parts].scratch);
+    size_t kept = 0;
+    while (kept < p->made && !p->part[kept].scratch.is_file) kept++;
+    while (p->made > kept) pbs_scratch_free(&p->part[--p->made].scratch);
+    p->parts = 0;
     p->held.count = 0;
     p->count = 0;
 }
 
 void pbs_pile_free(pbs_pile *p) {
     if (!p->run) return;
-    pbs_pile_clear(p);
+    while (p->made) pbs_scratch_free(&p->part[--p->made].scratch);
     pbs_free(p->run, p->part);
     pbs_voxels_free(p->run, &p->held);
 }

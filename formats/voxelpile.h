@@ -18,7 +18,7 @@ typedef struct pbs_pile {
     pbs_voxels held;  /* those behind the parts */
     size_t cap, room; /* how many may be held */
     pbs_pile_part *part;
-    size_t parts, part_cap;
+    size_t parts, made, part_cap; /* in use; those that there is memory for */
     uint64_t count;
 } pbs_pile;
 

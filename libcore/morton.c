@@ -1,8 +1,5 @@
-#include "libcore/morton.h"
-#include "libcore/vectors.h"
-#include <string.h>
-
-typedef uint8_t b16 __attribute__((vector_size(16)));
+#include "libcore/candidates.h"
+#include "libcore/morton_inner.h"
 
 /* The highest bit in which they differ decides, of equally high ones that of the later axis. */
 bool pbs_morton_before(const uint32_t a[3], const uint32_t b[3]) {
@@ -17,62 +14,21 @@ bool pbs_morton_before(const uint32_t a[3], const uint32_t b[3]) {
 
 /* ---- looked at ---- */
 
-LANE u4 spread4(u4 v) {
-    v = (v | v << 8) & 0x00f00f;
-    v = (v | v << 4) & 0x0c30c3;
-    return (v | v << 2) & 0x249249;
-}
-LANE i4 codes4(const uint32_t *place) {
-    u4 p = *(const u4_at *)(uintptr_t)place;
-    return (i4)(spread4(p & 255) | spread4(p >> 8 & 255) << 1 | spread4(p >> 16 & 255) << 2);
-}
-
-bool pbs_morton_sorted(const uint32_t *place, size_t n, uint32_t *last) {
-    if (!n) return true;
-    int32_t before = *last == PBS_NO_PLACE ? -1 : (int32_t)pbs_morton8(*last);
-    i4 bad = {0, 0, 0, 0};
-    size_t i = 0;
-    for (; i + 4 <= n; i += 4) {
-        i4 now = codes4(place + i), shifted = __builtin_shuffle(now, (i4){0, 0, 1, 2});
-        shifted[0] = before;
-        bad |= now <= shifted;
-        before = now[3];
+void pbs_look_at_places(pbs_place_look *look, const uint32_t *place, size_t n) {
+#if defined(__x86_64__)
+    if (pbs_cpu_has_avx2()) {
+        pbs_place_look_avx2(look, place, n);
+        return;
     }
-    bool sorted = !(bad[0] | bad[1] | bad[2] | bad[3]);
-    for (; i < n; i++) {
-        int32_t now = (int32_t)pbs_morton8(place[i]);
-        sorted = sorted && now > before;
-        before = now;
-    }
-    *last = place[n - 1] & 0xffffff;
-    return sorted;
+#endif
+    place_look(look, place, n);
 }
 
-LANE b16 pick16(b16 which, b16 then, b16 other) {
-    return (then & which) | (other & ~which);
-}
-
-void pbs_place_bounds(const uint32_t *place, size_t n, uint8_t low[3], uint8_t high[3]) {
-    b16 least, most;
-    memset(&least, 255, sizeof least);
-    memset(&most, 0, sizeof most);
-    size_t i = 0;
-    for (; i + 4 <= n; i += 4) {
-        b16 p = (b16) * (const u4_at *)(uintptr_t)(place + i);
-        least = pick16((b16)(p < least), p, least);
-        most = pick16((b16)(p > most), p, most);
-    }
-    for (int j = 0; j < 16; j++) {
-        if (j % 4 == 3) continue;
-        if (least[j] < low[j % 4]) low[j % 4] = least[j];
-        if (i && most[j] > high[j % 4]) high[j % 4] = most[j];
-    }
-    for (; i < n; i++)
-        for (int k = 0; k < 3; k++) {
-            uint8_t c = (uint8_t)(place[i] >> 8 * k);
-            if (c < low[k]) low[k] = c;
-            if (c > high[k]) high[k] = c;
-        }
+bool pbs_are_areas(const float *area, size_t n) {
+#if defined(__x86_64__)
+    if (pbs_cpu_has_avx2()) return pbs_areas_avx2(area, n);
+#endif
+    return areas(area, n);
 }
 
 /* ---- made ---- */

@@ -9,13 +9,18 @@
 /* Whether chunk or cell a comes before b. */
 bool pbs_morton_before(const uint32_t a[3], const uint32_t b[3]);
 
-/* Whether the cells come in order, each once. last: the place before, and the last one after it; at
- * first PBS_NO_PLACE. */
+/* What is known of cells that were looked at, some after the others. */
 #define PBS_NO_PLACE UINT32_MAX
-bool pbs_morton_sorted(const uint32_t *place, size_t n, uint32_t *last);
-
-/* Least and largest coordinates; both are kept where they are less or larger. */
-void pbs_place_bounds(const uint32_t *place, size_t n, uint8_t low[3], uint8_t high[3]);
+typedef struct pbs_place_look {
+    uint32_t last;           /* the place of the last one; PBS_NO_PLACE: of none */
+    bool sorted;             /* they came in order, each once */
+    uint8_t low[3], high[3]; /* least and largest coordinates */
+    uint32_t any;            /* all places, OR */
+} pbs_place_look;
+#define PBS_LOOK_NONE ((pbs_place_look){PBS_NO_PLACE, true, {255, 255, 255}, {0, 0, 0}, 0})
+void pbs_look_at_places(pbs_place_look *look, const uint32_t *place, size_t n);
+/* Whether all are finite and none is negative. */
+bool pbs_are_areas(const float *area, size_t n);
 
 /* Which of 64 cubes of 64^3 cells a cell is in, counted along the curve. */
 uint32_t pbs_morton_digit(uint32_t place);

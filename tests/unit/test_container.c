@@ -220,10 +220,24 @@ static void check_directory(pbs_reader *r, uint64_t n) {
     }
 }
 
-static void check_chunks(blob b, uint64_t n, bool piped) {
+enum { MAPPED, PIPED, BOTH };
+
+/* A file that is mapped and read. */
+static void open_both(blob b, pbs_input *in) {
+    FILE *f = fopen("both.pbs", "wb");
+    CHECK(f && fwrite(b.bytes, 1, b.size, f) == b.size && !fclose(f));
+    CHECK(!pbs_input_open_both(&run, "both.pbs", in, &err) && in->mapped && in->fd >= 0);
+    remove("both.pbs");
+}
+
+static void check_chunks(blob b, uint64_t n, int mode) {
+    bool piped = mode == PIPED;
     pbs_input in;
     pbs_reader *r;
-    open_blob(&run, b, piped, &in);
+    if (mode == BOTH)
+        open_both(b, &in);
+    else
+        open_blob(&run, b, piped, &in);
     CHECK(!pbs_reader_open(&run, &in, PBS_KIND(PBS_SCENE), &r, &err) && in.fd == -1);
     CHECK(pbs_reader_mapped(r) == !piped && pbs_reader_kind(r) == PBS_SCENE);
     CHECK(!strcmp(pbs_reader_channels(r), "some:u8"));
@@ -253,8 +267,7 @@ TEST(any_number_of_chunks) {
         for (int front = 0; front < 2; front++) {
             blob b = chunks_file(&run, counts[i], front);
             CHECK(b.size % PBS_ALIGN == 0);
-            check_chunks(b, counts[i], false);
-            check_chunks(b, counts[i], true);
+            for (int mode = MAPPED; mode <= BOTH; mode++) check_chunks(b, counts[i], mode);
             free(b.bytes);
         }
     CHECK(pbs_mem_used(&run) == 0);

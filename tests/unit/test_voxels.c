@@ -1,6 +1,7 @@
 /* The grid around a box, transforms to it, Morton numbers, packed normals, and voxels as bytes. */
 #include "formats/voxelstream.h"
 #include "libcore/grid.h"
+#include "libcore/morton.h"
 #include "tests/check.h"
 #include "tests/unit/support.h"
 
@@ -52,6 +53,51 @@ TEST(morton_numbers_interleave_and_come_back) {
             for (int b = 0; b < 8; b++) code |= (p >> (8 * k + b) & 1) << (3 * b + k);
         CHECK(pbs_morton8(p | 0x3f000000) == code);
         CHECK(pbs_unmorton8(code) == p);
+    }
+}
+
+/* By any number at a time, what is found is what one after the other shows. */
+TEST(places_are_looked_at) {
+    uint64_t state = 11;
+    for (uint32_t round = 0; round < 4000; round++) {
+        uint32_t place[48], n = round % 49, code = random_bits(&state) & 0x7fffff, any = 0;
+        uint8_t low[3] = {255, 255, 255}, high[3] = {0, 0, 0};
+        bool sorted = true;
+        for (uint32_t i = 0; i < n; i++) {
+            code += 1 + (random_bits(&state) & (round & 1 ? 3 : 0x1ffff));
+            place[i] = pbs_unmorton8(code) | (random_bits(&state) & 127) << 24;
+        }
+        if (round & 2 && n) place[random_bits(&state) % n] = random_bits(&state);
+        for (uint32_t i = 0; i < n; i++) {
+            sorted = sorted && (!i || pbs_morton8(place[i]) > pbs_morton8(place[i - 1]));
+            any |= place[i];
+            for (int k = 0; k < 3; k++) {
+                uint8_t c = (uint8_t)(place[i] >> 8 * k);
+                low[k] = c < low[k] ? c : low[k], high[k] = c > high[k] ? c : high[k];
+            }
+        }
+        pbs_place_look look = PBS_LOOK_NONE;
+        uint32_t first = n ? random_bits(&state) % (n + 1) : 0;
+        pbs_look_at_places(&look, place, first);
+        pbs_look_at_places(&look, place + first, n - first);
+        CHECK(look.sorted == sorted && look.any == any && !memcmp(look.low, low, 3));
+        CHECK(!memcmp(look.high, high, 3));
+        CHECK(look.last == (n ? place[n - 1] & 0xffffff : PBS_NO_PLACE));
+    }
+}
+
+TEST(areas_are_told_from_other_numbers) {
+    static const float wrong[] = {NAN, INFINITY, -INFINITY, -1e-30f};
+    float area[40] = {0};
+    for (size_t n = 0; n <= 40; n++) {
+        for (size_t i = 0; i < n; i++) area[i] = i % 3 ? (float)i * 1e36f : -0.0f;
+        CHECK(pbs_are_areas(area, n));
+        for (size_t i = 0; i < n; i++) {
+            float good = area[i];
+            area[i] = wrong[i % 4];
+            CHECK_NUM(!pbs_are_areas(area, n), (double)i);
+            area[i] = good;
+        }
     }
 }
 
