@@ -84,7 +84,8 @@ LANE mass4 mass_pick(l4 mask, mass4 x, mass4 y) {
 }
 
 /* The corner that is alone on its side of a plane, and how far the plane is from it on the way to
- * the next corner and the last. Where all are on one side, the tip is the whole triangle. */
+ * the next corner and the last. Where all are on one side, the tip is the whole triangle, to the
+ * bit: what a lane gives must not depend on what is done for the others. */
 typedef struct tip4 {
     l4 second, third; /* which corner that is; else the first */
     l4 below;
@@ -100,11 +101,11 @@ LANE void tip_turn(const tip4 *t, const d4 x[3], d4 out[3]) {
 
 LANE tip4 tip_of(const d4 x[3]) {
     l4 s0 = (l4)(x[0] < 0), s1 = (l4)(x[1] < 0), s2 = (l4)(x[2] < 0);
-    tip4 t = {.third = ~(s0 ^ s1), .second = (s0 ^ s1) & ~(s0 ^ s2)};
+    tip4 t = {.third = ~(s0 ^ s1) & (s0 ^ s2), .second = (s0 ^ s1) & ~(s0 ^ s2)};
     d4 v[3];
     tip_turn(&t, x, v);
     t.below = (l4)(v[0] < 0);
-    l4 one_side = t.third & ~(s0 ^ s2);
+    l4 one_side = ~((s0 ^ s1) | (s0 ^ s2));
     t.next = pick(one_side, all4(1), v[0] / (v[0] - v[1]));
     t.last = pick(one_side, all4(1), v[0] / (v[0] - v[2]));
     return t;
@@ -114,8 +115,8 @@ LANE void tip_corners(const tip4 *t, const d4 x[3], d4 out[3]) {
     d4 v[3];
     tip_turn(t, x, v);
     out[0] = v[0];
-    out[1] = v[0] + t->next * (v[1] - v[0]);
-    out[2] = v[0] + t->last * (v[2] - v[0]);
+    out[1] = v[0] * (1 - t->next) + v[1] * t->next;
+    out[2] = v[0] * (1 - t->last) + v[2] * t->last;
 }
 
 /* A triangle within the triangle: signed distances from up to four planes, called axes here,

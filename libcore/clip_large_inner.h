@@ -44,15 +44,17 @@ static inline int clip_cell_in_block(double x) {
 
 static void clip_edges(clip_job *job) {
     const int axis[3] = {job->u, job->v, job->w};
-    double far = PBS_BLOCK;
+    double far = 0;
     for (int k = 0; k < 3; k++)
         for (int e = 0; e < 3; e++) {
             job->p[e][k] = job->corner[e][axis[k]];
             job->d[e][k] = job->corner[(e + 1) % 3][axis[k]] - job->p[e][k];
             job->over[e][k] = job->d[e][k] != 0 ? 1 / job->d[e][k] : 0;
-            far = fabs(job->p[e][k]) > far ? fabs(job->p[e][k]) : far;
+            far = fabs(job->d[e][k]) > far ? fabs(job->d[e][k]) : far;
         }
-    job->margin = far * 0x1p-46;
+    /* The triangle meets the block: no corner is farther from its own. Not where they are, so that
+     * a triangle that moves by whole voxels is cut as it was. */
+    job->margin = (far + PBS_BLOCK) * 0x1p-46;
     clip_walls_set(job);
 }
 
@@ -71,7 +73,7 @@ static void clip_plane(clip_job *job, const double n[3], double length) {
     double over = 1 / job->normal[2];
     for (int k = 0; k < 2; k++) job->slope[k] = -job->normal[k] / job->normal[2];
     job->level = clip_floor(job->p[0][2] + 0.5);
-    job->stretch = fabs(length * over);
+    job->stretch = job->even ? 1 : fabs(length * over);
     job->place[0] = -job->d[2][1] * over, job->place[1] = job->d[2][0] * over;
     job->place[2] = -job->d[0][1] * over, job->place[3] = job->d[0][0] * over;
 }

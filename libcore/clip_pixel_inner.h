@@ -17,12 +17,12 @@ typedef struct clip_pixels {
 } clip_pixels;
 
 typedef struct pixel_four {
-    d4 height[4];   /* at the corners 00, 10, 01, 11 */
-    d4 edge[2][4];  /* of the edges that cross a pixel; positive inside */
-    d4 first;       /* of the cells above it, relative to job->level */
-    l4 crowded;     /* all three edges cross it: left to clip_cell */
-    bool one, two;  /* whether any pixel has so many edges */
-    bool cut, cut2; /* whether any pixel is cut by one plane, by two */
+    d4 height[4];  /* at the corners 00, 10, 01, 11 */
+    d4 edge[2][4]; /* of the edges that cross a pixel; positive inside */
+    d4 first;      /* of the cells above it, relative to job->level */
+    l4 crowded;    /* all three edges cross it: left to clip_cell */
+    bool one, two; /* whether any pixel has so many edges */
+    l4 cut, cut2;  /* pixels above which it crosses a plane, two of them */
 } pixel_four;
 
 LANE void pixel_corners(d4 base, double du, double dv, d4 out[4]) {
@@ -128,10 +128,11 @@ LANE void pixel_halves(const pixel_four *f, bool edges, bool two, int cuts, bool
     pixel_half(f, high, edges, two, cuts, centroids, sum);
 }
 
-/* Of the cells above the pixels: the first three. */
+/* Of the cells above the pixels: the first three. What lies beyond a plane only because the plane
+ * of the triangle goes on behind its ends stays below it, whatever the other pixels need. */
 LANE void pixel_masses(const pixel_four *f, bool edges, bool centroids, mass4 cell[3]) {
     mass4 zero = {all4(0), all4(0), all4(0)}, sum[3] = {zero, zero, zero};
-    int cuts = f->cut2 ? 2 : f->cut ? 1 : 0;
+    int cuts = any4(f->cut2) ? 2 : any4(f->cut) ? 1 : 0;
     if (!edges) {
         if (cuts == 0)
             pixel_halves(f, false, false, 0, centroids, sum);
@@ -154,9 +155,10 @@ LANE void pixel_masses(const pixel_four *f, bool edges, bool centroids, mass4 ce
         else
             pixel_halves(f, true, true, 2, centroids, sum);
     }
-    cell[0] = cuts ? sum[1] : sum[0];
-    cell[1] = cuts ? mass_less(cuts == 2 ? sum[2] : sum[0], sum[1]) : zero;
-    cell[2] = cuts == 2 ? mass_less(sum[0], sum[2]) : zero;
+    mass4 top = cuts == 2 ? mass_pick(f->cut2, sum[2], sum[0]) : sum[0];
+    cell[0] = cuts ? mass_pick(f->cut, sum[1], sum[0]) : sum[0];
+    cell[1] = cuts ? mass_less(top, cell[0]) : zero;
+    cell[2] = cuts == 2 ? mass_less(sum[0], top) : zero;
 }
 
 /* Of the cells first .. first + 2 above four pixels, [cell][pixel]. Bits of masks are in that
@@ -251,12 +253,11 @@ LANE void pixel_flush_as(const clip_job *job, clip_pixels *px, bool edges, bool 
     pixel_corners((job->p[0][2] - job->level) + (g * (u - job->p[0][0]) + h * (v - job->p[0][1])),
                   g, h, f.height);
     d4 low = pixel_least(f.height), high = pixel_most(f.height);
-    if (edges) { /* the plane goes on beyond the triangle's ends */
-        low = min4(max4(low, all4(job->low - job->level)), all4(job->high - job->level));
-        high = max4(min4(high, all4(job->high - job->level)), low);
-    }
+    /* The plane goes on beyond the triangle's ends. */
+    low = min4(max4(low, all4(job->low - job->level)), all4(job->high - job->level));
+    high = max4(min4(high, all4(job->high - job->level)), low);
     f.first = floor4(low);
-    f.cut = any4((l4)(high > f.first + 1)), f.cut2 = any4((l4)(high > f.first + 2));
+    f.cut = (l4)(high > f.first + 1), f.cut2 = (l4)(high > f.first + 2);
     if (edges) pixel_edges(job, u, v, &f);
     pixel_masses(&f, edges, centroids, m);
     UNROLL
@@ -305,14 +306,16 @@ static void pixel_squares(const clip_job *job, int j, int from, int to) {
     int at[3];
     const double *place = job->place;
     at[job->u] = from, at[job->v] = j, at[job->w] = clip_floor(job->p[0][2]);
-    double x = from + 0.5 - job->p[0][0], y = j + 0.5 - job->p[0][1];
-    double u = place[0] * x + place[1] * y, v = place[2] * x + place[3] * y;
+    double y = j + 0.5 - job->p[0][1];
     uint32_t cell = PBS_CELL(at[0], at[1], at[2]), step = 1u << 7 * job->u;
-    for (int i = 0; from + i < to; i++, cell += step)
+    for (int i = from; i < to; i++, cell += step) {
+        double x = i + 0.5 - job->p[0][0];
         if (job->centroids)
-            clip_put_at(job->out, cell, job->triangle, 1, u + i * place[0], v + i * place[2]);
+            clip_put_at(job->out, cell, job->triangle, 1, place[0] * x + place[1] * y,
+                        place[2] * x + place[3] * y);
         else
             clip_put(job->out, cell, job->triangle, 1, 0, 0);
+    }
 }
 
 static void pixel_row(const clip_job *job, const clip_rows *rows, int r, int j, clip_pixels px[2]) {

@@ -462,6 +462,46 @@ TEST(corners_turned_and_moved_by_whole_voxels) {
     }
 }
 
+/* What two blocks see of the same cells is the same, to the bit, also if they see different parts
+ * of the triangle. Gives the number of cells compared. */
+static size_t same_bits(const tri *t, const double at[3]) {
+    list a = clipped(t, origin), b = clipped(t, at);
+    uint32_t shift = (uint32_t)((int)at[0] + (int)at[1] * 128 + (int)at[2] * 16384);
+    size_t i = 0, k = 0, same = 0;
+    while (i < a.count && k < b.count) {
+        pbs_fragment *x = &a.fragment[i], *y = &b.fragment[k];
+        uint32_t cell = y->cell + shift;
+        int q[3] = {PBS_CELL_X(y->cell) + (int)at[0], PBS_CELL_Y(y->cell) + (int)at[1],
+                    PBS_CELL_Z(y->cell) + (int)at[2]};
+        bool here = q[0] >= 0 && q[0] < 64 && q[1] >= 0 && q[1] < 64 && q[2] >= 0 && q[2] < 64;
+        if (here && x->cell == cell) {
+            CHECK(x->area == y->area && x->u == y->u && x->v == y->v);
+            i++, k++, same++;
+        } else if (!here) {
+            k++;
+        } else {
+            CHECK(x->cell < cell); /* not in b's block, then */
+            i++;
+        }
+    }
+    free(a.fragment), free(b.fragment);
+    return same;
+}
+
+TEST(other_blocks_see_the_same_bits) {
+    static const double sizes[] = {0.4, 1, 2, 3, 5, 12, 30, 90, 400, 3000};
+    size_t same = 0;
+    for (int i = 0; i < 6000 && pbs_bad < 20; i++) {
+        double size = sizes[i % 10], at[3], bits = i % 3 ? FULL : i % 2 ? 2 : 16;
+        tri t = i % 7 ? random_tri(10, 54, size, bits) : odd_tri(i / 7, fmin(size, 30), bits);
+        for (int k = 0; k < 3; k++) at[k] = floor(uniform(-40, 40));
+        if (i % 11 == 0) /* across an axis */
+            for (int c = 0; c < 3; c++) t.p[c][i % 3] = t.p[0][i % 3];
+        same += same_bits(&t, at);
+    }
+    CHECK_NUM(same > 100000, same);
+}
+
 TEST(halves_make_the_whole) {
     static const double sizes[] = {0.4, 1, 3, 12};
     for (int i = 0; i < 1000 && pbs_bad < 20; i++) {
