@@ -5,6 +5,7 @@
 #include "formats/voxelstream.h"
 #include "libcore/fidelity.h"
 #include "libcore/pipe.h"
+#include <float.h>
 #include <string.h>
 
 typedef struct options {
@@ -62,6 +63,7 @@ typedef struct job {
     pbs_failures failures;
     pbs_scene scene;
     uint64_t triangles, singular;
+    size_t base; /* memory besides the blocks */
     pbs_grid grid;
     pbs_image *images;
     pbs_surfaces *surfaces;
@@ -137,6 +139,7 @@ static void add_up(pbs_block_stats *sum, const pbs_block_stats *s) {
     sum->fragments += s->fragments;
     sum->touched += s->touched;
     sum->orphans += s->orphans;
+    sum->lost += s->lost;
     sum->area += s->area;
     sum->kept += s->kept;
 }
@@ -187,7 +190,12 @@ static pbs_code parse_box(job *j, pbs_err *err) {
         p += n + (k < 3);
     }
     j->grid.voxel = v[3] / j->grid.size;
-    if (!(j->grid.voxel > 0)) return bad_box(j, err);
+    if (!(v[3] > 0)) return bad_box(j, err);
+    if (j->grid.voxel < DBL_MIN)
+        return pbs_fail(err, PBS_USAGE,
+                        "--box %s: voxels of side %g are too small: the side of the cube must be "
+                        "at least %g",
+                        j->o->box, j->grid.voxel, DBL_MIN * 1.0001 * j->grid.size);
     memcpy(j->grid.min, v, sizeof j->grid.min);
     return PBS_OK;
 }
@@ -199,13 +207,24 @@ static pbs_code choose_grid(job *j, pbs_err *err) {
     uint32_t size = (uint32_t)j->o->resolution;
     j->grid = pbs_grid_around(&box, size);
     if (j->o->box) return parse_box(j, err);
-    if (!(j->grid.voxel < INFINITY) || !(j->grid.voxel > 0))
+    if (!(j->grid.voxel < INFINITY) || !(j->grid.voxel >= DBL_MIN))
         return pbs_fail(err, PBS_DATA, "%s: the scene is too large or too small for a grid",
                         pbs_reader_name(j->scene.reader));
     return PBS_OK;
 }
 
 /* ---- the parts of the job ---- */
+
+/* Rather fewer threads than no voxels: a full block takes some memory, and each thread has one.
+ * What it must be at least is said early, and again when it is known what the scene has. */
+static void fit_memory(job *j) {
+    const size_t reading = 20 << 20;
+    pbs_run *run = &j->app->run;
+    size_t block = pbs_block_memory(&j->params), limit = pbs_mem_used(run) + pbs_mem_left(run);
+    if (!j->base) j->base = pbs_mem_used(run) + reading;
+    run->mem_floor = j->base + block;
+    while (run->threads > 1 && j->base + (size_t)run->threads * block > limit) run->threads--;
+}
 
 static pbs_code set_up_params(job *j, pbs_err *err) {
     const options *o = j->o;
@@ -220,8 +239,8 @@ static pbs_code set_up_params(job *j, pbs_err *err) {
     p->cells = o->conservative            ? PBS_CELLS_CONSERVATIVE
                : o->separating || o->bare ? PBS_CELLS_SEPARATING
                                           : PBS_CELLS_THIN;
-    p->per_face = (pbs_per_face)o->per_face;
     p->interior = o->interior;
+    fit_memory(j);
     j->channels = PBS_POSITION | p->channels | (o->per_face ? PBS_FACE : 0);
     uint32_t shown = p->channels | (o->per_face == PBS_PER_FACE_COLOUR ? PBS_COLOUR : 0);
     pbs_code rc = o->bare ? PBS_OK : pbs_scene_images(&j->scene, &j->images, err);
@@ -317,6 +336,7 @@ static void add_stats(job *j) {
     pbs_blocks_stats parts = pbs_blocks_totals(j->blocks);
     pbs_stat_count(app, "triangles", j->triangles);
     pbs_stat_count(app, "triangles_visited", j->total.triangles);
+    if (j->total.lost) pbs_stat_count(app, "triangles_lost", j->total.lost);
     pbs_stat_count(app, "blocks", j->block_count);
     pbs_stat_count(app, "chunks", j->stream.child_count);
     pbs_stat_count(app, "voxels", j->stream.voxels);
@@ -337,6 +357,8 @@ static void add_stats(job *j) {
     pbs_stat_record(app, channels, pbs_voxels_stride(j->channels));
     pbs_stat_count(app, "bytes", pbs_writer_bytes(j->w));
     pbs_note_skips(app, name, j->scene.skipped);
+    if (j->total.lost)
+        pbs_note(app, "%s: triangles with corners farther than 2^1000 voxels are left out", name);
     if (j->singular)
         pbs_note(app, "%s: %llu placings have a transform that cannot be inverted", name,
                  (unsigned long long)j->singular);
@@ -362,20 +384,10 @@ static void clean_up(job *j) {
     pbs_scene_close(&j->scene);
 }
 
-/* Rather fewer threads than no voxels: a full block takes some memory, and each thread has one.
- * What it must be at least is said early. */
-static void fit_memory(pbs_app *app) {
-    const size_t reading = 20 << 20;
-    size_t base = pbs_mem_used(&app->run) + reading;
-    app->run.mem_floor = base + PBS_BLOCK_MEMORY;
-    while (app->run.threads > 1 &&
-           base + (size_t)app->run.threads * PBS_BLOCK_MEMORY > pbs_mem_left(&app->run))
-        app->run.threads--;
-}
-
 static pbs_code work(pbs_app *app, void *opt, pbs_err *err) {
     job j = {.app = app, .o = opt, .failures = {app, 0}};
-    fit_memory(app);
+    j.params.per_face = (pbs_per_face)j.o->per_face;
+    fit_memory(&j);
     pbs_scene_options so = PBS_SCENE_DEFAULTS;
     so.ignore_missing = j.o->ignore_missing;
     so.failed = j.o->keep_going ? pbs_note_failure : NULL;

@@ -21,12 +21,23 @@ static void source_name(const pbs_scene *s, char *name, size_t size) {
     if (strncmp(p, pipe, sizeof pipe - 1)) snprintf(name, size, "%.*s", (int)strcspn(p, "\n"), p);
 }
 
+/* A character of UTF-8 at the end that was cut goes. */
+static void drop_half(char *text) {
+    size_t n = strlen(text), i = n;
+    while (i && (text[i - 1] & 0xc0) == 0x80) i--;
+    if (!i--) return;
+    unsigned char lead = (unsigned char)text[i];
+    size_t bytes = lead < 0xc0 ? 1 : lead < 0xe0 ? 2 : lead < 0xf0 ? 3 : 4;
+    if (n - i < bytes) text[i] = 0;
+}
+
 void pbs_scene_title(const pbs_scene *s, char *out, size_t size) {
     const char *name = s->nodes[s->node_count - 1].name;
     if (*name)
         snprintf(out, size, "%s", name);
     else
         source_name(s, out, size);
+    drop_half(out);
 }
 
 pbs_code pbs_scene_copy_materials(const pbs_scene *s, pbs_writer *w, pbs_err *err) {

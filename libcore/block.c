@@ -206,10 +206,19 @@ pbs_code pbs_block_add(pbs_block *b, const pbs_mesh *mesh, const uint32_t *trian
         run_batch(b);
         if (b->bricks.rc || b->face_sums.rc) break;
     }
+    b->lost += feed.lost;
     return went_wrong(b, err);
 }
 
 /* ---- its life ---- */
+
+size_t pbs_block_memory(const pbs_block_params *p) {
+    size_t mib = 26;
+    mib += (p->channels & PBS_COLOUR ? 9 : 0) + (p->channels & PBS_MATERIAL ? 5 : 0);
+    mib += p->channels & PBS_EMISSIVE ? 7 : 0;
+    mib += p->per_face == PBS_PER_FACE_COLOUR ? 360 : p->per_face ? 140 : 0;
+    return mib << 20;
+}
 
 pbs_code pbs_block_new(pbs_run *run, const pbs_block_params *params, pbs_block **out,
                        pbs_err *err) {
@@ -251,7 +260,7 @@ void pbs_block_free(pbs_block *b) {
 void pbs_block_begin(pbs_block *b, const uint32_t at[3], uint32_t size) {
     memcpy(b->at, at, sizeof b->at);
     b->size = size;
-    b->triangles = b->fragment_count = 0;
+    b->triangles = b->fragment_count = b->lost = 0;
     b->area = 0;
     b->fragments.count = b->hits.count = 0;
     pbs_bricks_begin(&b->bricks);

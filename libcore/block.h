@@ -52,11 +52,12 @@ typedef struct pbs_block_params {
                                      masked materials */
 } pbs_block_params;
 
-/* Bytes that a block takes at most, all of its cells being touched: with normals and weights, and
- * sums that are not large (64 square voxels in a cell; up to 17 MiB more if they are in all). Each
- * colour adds 9 MiB, material 5, emissive 7; attributes of faces 0.2 KiB for each material in a
- * cell, or 0.6 KiB a cell for colours. A block of an even surface takes 2 MiB. */
-#define PBS_BLOCK_MEMORY ((size_t)26 << 20)
+/* Bytes that a block takes at most, all of its cells being touched: 26 MiB with normals and
+ * weights; a colour adds 9 MiB, material 5, emissive 7; attributes of faces 0.5 KiB for each
+ * material in a cell, of which one is counted here, or 1.4 KiB a cell for colours. Sums that are
+ * large (64 square voxels in a cell) take up to 17 MiB more, if they are in all. A block of an even
+ * surface takes 2 MiB. */
+size_t pbs_block_memory(const pbs_block_params *params);
 
 /* One thread's scratch. Kept from block to block: fresh memory costs as much as the work. */
 typedef struct pbs_block pbs_block;
@@ -84,7 +85,9 @@ typedef struct pbs_block_stats {
     uint64_t fragments; /* pairs of a triangle and a cell */
     uint64_t touched;   /* cells of the conservative set; 0 for the set alone */
     uint64_t orphans;   /* voxels that are not six-separating, and kept (PBS_CELLS_THIN) */
-    double area, kept;  /* of all fragments; of those in voxels; square voxels */
+    uint64_t lost; /* triangles that may be near, with a corner farther than 2^1000 voxels: left out
+                    */
+    double area, kept; /* of all fragments; of those in voxels; square voxels */
 } pbs_block_stats;
 
 /* The voxels in Morton order; places are relative to the chunk of 256^3 that the block is in. *out

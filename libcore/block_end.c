@@ -212,6 +212,7 @@ static void count(const walk *w, pbs_block_stats *out) {
     const pbs_block *b = w->b;
     *out = (pbs_block_stats){.triangles = b->triangles,
                              .fragments = b->fragment_count,
+                             .lost = b->lost,
                              .touched = b->set_alone ? 0 : w->touched,
                              .orphans = w->orphans,
                              .area = (double)(b->area - w->beyond) / PBS_UNIT,

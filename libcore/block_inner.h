@@ -106,7 +106,7 @@ struct pbs_block {
     pbs_lanes lanes; /* only the first is used */
     uint32_t lane_triangle;
 
-    uint64_t triangles, fragment_count;
+    uint64_t triangles, fragment_count, lost;
     __int128 area;
     pbs_bricks bricks;
     pbs_face_sums face_sums;

@@ -30,7 +30,7 @@ enum { PBS_REC_NEAR, PBS_REC_AREA = 3, PBS_REC_BEYOND, PBS_REC_FLAGS = 7, PBS_RE
  * PBS_VOXEL_TWO_SIDED; */
 #define PBS_REC_BARE  256 /* no area so far: each thing in it weighs PBS_UNIT */
 #define PBS_REC_WIDE  32  /* from this bit on: the number of its second record, or 0 */
-#define PBS_WIDE_BITS 24  /* what that one counts in */
+#define PBS_WIDE_BITS 40  /* what that one counts in: enough for 2^47 square voxels in a cell */
 
 typedef struct pbs_brick {
     uint64_t seen;  /* cells that something is in */

@@ -3,9 +3,11 @@
  *
  * Which cells is exact: the conservative set of grid.h, half-open cells, decided in doubles with
  * error bounds and in integers where these do not decide. Areas and centroids are computed in
- * floating point: the pieces of a triangle sum to its area within 1e-9 of it, and each is right
- * within 1e-6 of a square voxel, and of itself if it is larger than that; a cell that the triangle
- * merely touches has area 0.
+ * floating point: the pieces of a triangle sum to its area within 1e-9 of it and 1e-14 square
+ * voxels (needles a few 2^-32 wide have hardly more than that), and each is right within 1e-6 of a
+ * square voxel, and of itself if it is larger than that; a cell that the triangle merely touches
+ * has area 0. What a cell gets is made from the triangle's place relative to the cell alone: in
+ * another block, and moved by whole voxels, it is the same to the bit.
  */
 #ifndef PBS_CLIP_H
 #define PBS_CLIP_H

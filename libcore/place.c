@@ -122,10 +122,11 @@ static void put_piece(const pbs_placing *g, const corner *const c[3], uint32_t t
 
 enum { PIECES = 7 };
 
-static void put_far(const pbs_placing *g, uint32_t triangle, pbs_batch *out) {
+/* False if that cannot be. */
+static bool put_far(const pbs_placing *g, uint32_t triangle, pbs_batch *out) {
     corner p[12];
     int n = 3;
-    if (!far_corners(g, triangle, p)) return;
+    if (!far_corners(g, triangle, p)) return false;
     for (int k = 0; k < 3; k++) {
         n = cut_polygon(p, n, k, -PBS_PLACE_FAR, 1);
         n = cut_polygon(p, n, k, PBS_PLACE_FAR, -1);
@@ -134,6 +135,7 @@ static void put_far(const pbs_placing *g, uint32_t triangle, pbs_batch *out) {
         const corner *const c[3] = {&p[0], &p[i - 1], &p[i]};
         put_piece(g, c, triangle, out);
     }
+    return true;
 }
 
 /* ---- batches ---- */
@@ -207,7 +209,7 @@ bool pbs_batch_fill(const pbs_placing *p, pbs_feed *feed, pbs_batch *out) {
     out->cut = 0;
     for (;;) {
         while (feed->far_count && out->t.count + PIECES <= PBS_TRIANGLES)
-            put_far(p, feed->far[--feed->far_count], out);
+            feed->lost += !put_far(p, feed->far[--feed->far_count], out);
         /* A batch that is nearly full is not worth another round. */
         if (feed->far_count || !feed->count || out->t.count > PBS_TRIANGLES - 8) break;
         take(p, feed, &corners, out);

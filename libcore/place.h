@@ -48,6 +48,7 @@ typedef struct pbs_feed {
     const uint32_t *triangles;
     size_t count;
     uint32_t far_count, far[PBS_TRIANGLES]; /* taken from there, waiting for room */
+    uint64_t lost; /* that have a corner which is no number, or farther than 2^1000 voxels */
 } pbs_feed;
 
 void pbs_placing_make(pbs_placing *out, const pbs_mesh *mesh, const pbs_to_grid *to,

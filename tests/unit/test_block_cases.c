@@ -329,23 +329,41 @@ TEST(memory) {
         }
         quad(&one, v[0], v[1], v[3], v[2]);
     }
-    pbs_run run = {.threads = 1, .mem_limit = (size_t)1 << 22};
-    pbs_block *b = fresh(&run, &h);
-    pbs_err err;
-    for (uint32_t i = 0; i < one.mesh.triangles; i++) list[i] = i;
-    pbs_block_begin(b, h.at, h.size);
-    CHECK(pbs_block_add(b, &one.mesh, list, one.mesh.triangles, &h.to, h.sides, &err) == PBS_LIMIT);
-    pbs_block_begin(b, h.at, h.size);
-    CHECK(!pbs_block_add(b, &one.mesh, list, 1, &h.to, h.sides, &err));
-    run.mem_limit = PBS_BLOCK_MEMORY;
-    pbs_block_begin(b, h.at, h.size);
-    feed(b, &h, &one.mesh);
-    result r = take(b);
-    CHECK(r.v.count == 64 * 64 * 64);
-    CHECK_NUM(fabs(r.stats.area - 3 * 64 * 4096.0) < 1e-3, r.stats.area);
+    for (int per_face = 0; per_face <= PBS_PER_FACE_MATERIAL; per_face++) {
+        h.params.per_face = (pbs_per_face)per_face;
+        pbs_run run = {.threads = 1, .mem_limit = (size_t)1 << 22};
+        pbs_block *b = fresh(&run, &h);
+        pbs_err err;
+        for (uint32_t i = 0; i < one.mesh.triangles; i++) list[i] = i;
+        pbs_block_begin(b, h.at, h.size);
+        CHECK(pbs_block_add(b, &one.mesh, list, one.mesh.triangles, &h.to, h.sides, &err) ==
+              PBS_LIMIT);
+        pbs_block_begin(b, h.at, h.size);
+        CHECK(per_face || !pbs_block_add(b, &one.mesh, list, 1, &h.to, h.sides, &err));
+        run.mem_limit = pbs_block_memory(&h.params);
+        pbs_block_begin(b, h.at, h.size);
+        feed(b, &h, &one.mesh);
+        result r = take(b);
+        CHECK(r.v.count == 64 * 64 * 64);
+        CHECK_NUM(fabs(r.stats.area - 3 * 64 * 4096.0) < 1e-3, r.stats.area);
+        drop(&r);
+        pbs_block_free(b);
+        CHECK(pbs_mem_used(&run) == 0);
+    }
+}
+
+/* Corners that are so far that their products overflow cannot be placed, and are counted. */
+TEST(corners_beyond_everything) {
+    how h = plainly();
+    clear(&one);
+    for (int i = 0; i < 2; i++) {
+        int a = vertex(&one, i ? 1e-299 : 100, 3, 3);
+        quad(&one, a, vertex(&one, 0, 9, 3), vertex(&one, 0, 9, 9), vertex(&one, 0, 3, 9));
+    }
+    h.to.m[0] = 1e300;
+    result r = work(&h, &one.mesh);
+    CHECK_NUM(r.stats.lost == 2 && r.v.count > 20, (double)r.stats.lost);
     drop(&r);
-    pbs_block_free(b);
-    CHECK(pbs_mem_used(&run) == 0);
 }
 
 TEST_MAIN
