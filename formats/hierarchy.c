@@ -189,7 +189,9 @@ static pbs_code plan_views(maker *k, uint32_t node, pbs_err *err) {
         p->seen.min[a] -= p->origin[a];
         p->seen.max[a] -= p->origin[a];
     }
-    p->resolution = pbs_lod_resolution(k->lod, p->wanted);
+    double side = 0;
+    for (int a = 0; a < 3; a++) side = fmax(side, p->seen.max[a] - p->seen.min[a]);
+    p->resolution = pbs_lod_resolution(k->lod, p->wanted, side);
     pbs_gbuffer_params params = *k->views;
     params.box = p->seen;
     params.resolution = p->resolution;
