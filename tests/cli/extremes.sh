@@ -4,3 +4,4 @@
 status=$?
 grep '^off' said
 echo "status $status, $(sed 1d extremes.tsv | cut -f1 | sort -u | wc -l) scenes, $(sed 1d extremes.tsv | wc -l) lines"
+rm -f said extremes.tsv
