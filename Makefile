@@ -1,6 +1,7 @@
 # make            build everything into build/$(config)/{bin,lib/pbs}
 # make demo       build, and take a real CAD assembly through the whole path to pictures
 # make test       build, and run every test; the last line is "N passed, N failed"
+# make report     error against run time; SCENE=FILE for your own scene, OUT=DIR, MAX_ERROR=E
 # make bench      figures, as ratios within one run; SCENES=DIR NAMES="..." for your own scenes
 # make fuzz       a minute of damaged files, with clang's fuzzer
 # make lint       layers, headers, man pages, formatting
@@ -66,7 +67,7 @@ modules += mend
 endif
 missing := $(filter-out $(modules),gltf image exr mend)
 
-.PHONY: all test demo bench fuzz lint install clean deps
+.PHONY: all test demo report bench fuzz lint install clean deps
 .SECONDARY:
 .DELETE_ON_ERROR:
 all: $(programs) $(modules:%=$(B)/lib/pbs/%.so)
@@ -147,9 +148,13 @@ test: deps
 	@tests/run $(B)
 .PHONY: test-programs
 test-programs: $(unit)
+demo_scene := /usr/share/assimp/models/glTF2/2CylinderEngine-glTF-Binary/2CylinderEngine.glb
 demo: deps
 	@$(MAKE) --no-print-directory config=$(config) all
 	@scripts/demo $(B)
+report: deps
+	@$(MAKE) --no-print-directory config=$(config) all
+	@scripts/report $(B) $(or $(OUT),$(B)/report) $(if $(MAX_ERROR),--max-error $(MAX_ERROR)) "$(or $(SCENE),$(demo_scene))"
 bench: all $(benches)
 	@scripts/bench $(B) $(if $(SCENES),"$(SCENES)" $(NAMES))
 # Mutates small valid files and looks whether the checker survives; needs clang with libFuzzer.

@@ -11,7 +11,7 @@
 
 typedef struct options {
     uint64_t resolution, count, least;
-    double share;
+    double share, max_error;
     int directions;
     const char *exr;
     bool ignore_missing, top_down, keep_going;
@@ -32,6 +32,9 @@ static const pbs_option table[] = {
     {'r', "resolution", PBS_COUNT, offsetof(options, resolution), "N",
      "pixels along the longest side of a view (default: from -n)", 1, PBS_GBUFFER_MAX_SIZE, NULL,
      true},
+    {'e', "max-error", PBS_REAL, offsetof(options, max_error), "E",
+     "no more pixels than surfels with an error of E need, in the scene's unit", 1e-300, 1e300,
+     NULL, true},
     {'d', "directions", PBS_CHOICE, offsetof(options, directions), "SET", "views from", 0, 0,
      direction_names, true},
     {0, "exr", PBS_TEXT, offsetof(options, exr), "DIR", "also write the buffers as OpenEXR files",
@@ -196,7 +199,7 @@ static pbs_code set_up(job *j, pbs_err *err) {
 
 static pbs_code plan(job *j, pbs_err *err) {
     const options *o = j->o;
-    pbs_lod lod = {o->least, o->share, o->count, (uint32_t)o->resolution};
+    pbs_lod lod = {o->least, o->share, o->count, (uint32_t)o->resolution, o->max_error};
     j->params.channels = j->scene.channels;
     choose_directions(o->directions, &j->params);
     return pbs_plan_make(&j->scene, &lod, &j->params, o->top_down, &j->plan, err);
@@ -256,9 +259,9 @@ static void add_stats(job *j) {
  * what will do at least. */
 static size_t least_memory(const job *j) {
     const size_t reading = 20 << 20;
-    pbs_lod lod = {1, 1, j->o->count, (uint32_t)j->o->resolution};
+    pbs_lod lod = {1, 1, j->o->count, (uint32_t)j->o->resolution, 0};
     pbs_gbuffer_params p = {.channels = PBS_NORMAL, .box = {{-1, -1, -1}, {1, 1, 1}}};
-    p.resolution = pbs_lod_resolution(&lod, (uint32_t)j->o->count);
+    p.resolution = pbs_lod_resolution(&lod, (uint32_t)j->o->count, 0);
     choose_directions(j->o->directions, &p);
     return pbs_mem_used(&j->app->run) + reading + pbs_gbuffer_need(NULL, NULL, 0, &p, 1);
 }

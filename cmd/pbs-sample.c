@@ -14,7 +14,7 @@
 typedef struct options {
     uint64_t count, seed, subset;
     int method;
-    double normal_weight;
+    double max_error, normal_weight;
     bool no_octaves;
     const char *measure, *cache;
     uint64_t cache_size;
@@ -25,6 +25,9 @@ static const char *const methods[] = {"greedy", "paper", "random", NULL}; /* as 
 static const pbs_option table[] = {
     {'n', "count", PBS_COUNT, offsetof(options, count), "N",
      "surfels of a node, at most (default: what pbs-gbuffer was told)", 1, 4e9, NULL, true},
+    {'e', "max-error", PBS_REAL, offsetof(options, max_error), "E",
+     "no more surfels than bring the error down to E, in the scene's unit", 1e-300, 1e300, NULL,
+     true},
     {0, "method", PBS_CHOICE, offsetof(options, method), "METHOD", "how surfels are chosen", 0, 0,
      methods, true},
     {'w', "normal-weight", PBS_REAL, offsetof(options, normal_weight), "W",
@@ -68,7 +71,8 @@ typedef struct job {
     pbs_keep *keep; /* NULL until a node asks for it */
     pbs_below *below;
     uint64_t total_in, total_out, duplicates, invalid, sampled, splats, cached;
-    double covering, min_spacing, median;
+    double covering, min_spacing, median, error;
+    uint64_t short_of; /* nodes whose surfels do not reach the error that is asked for */
 } job;
 
 /* ---- one node ---- */
@@ -86,8 +90,16 @@ static void gather(const pbs_points *from, const uint32_t *order, const float *s
     }
 }
 
-static void add_totals(job *j, const pbs_sample_result *r, const pbs_points *surfels,
-                       const pbs_spacing *even) {
+/* How far the surface can be from the node's surfels: the candidates lie on it a pixel apart. */
+static double error_of(const pbs_node *node, double covering) {
+    return covering + PBS_LOD_SLACK * node->pixel;
+}
+
+static void add_totals(job *j, const pbs_node *node, const pbs_sample_result *r,
+                       const pbs_points *surfels, const pbs_spacing *even) {
+    double error = error_of(node, r->covering);
+    j->error = fmax(j->error, error);
+    j->short_of += j->o->max_error > 0 && error > j->o->max_error;
     j->sampled++;
     j->total_in += j->candidates.count;
     j->total_out += r->count;
@@ -121,7 +133,7 @@ static pbs_code emit(job *j, pbs_node *node, const uint32_t *order, const float 
     pbs_spacing_of_prefix(&surfels, &even);
     rc = pbs_points_write(run, j->w, &j->out, node->id, &surfels, 0, PBS_POINTS_CHUNK, NULL, err);
     if (!rc && node->flags & PBS_NODE_USED) rc = keep(j, node->id, &surfels, r->covering, err);
-    add_totals(j, r, &surfels, &even);
+    add_totals(j, node, r, &surfels, &even);
     pbs_points_free(run, &surfels);
     node->records = r->count;
     node->flags = node->wanted = 0;
@@ -143,7 +155,9 @@ static size_t count_of(const job *j, const pbs_node *node) {
 /* The node's number is not among them: a node is sampled alike wherever it comes in a stream, so
  * that the cache finds it after parts were added before it. */
 static pbs_sample_params params_of(const job *j, const pbs_node *node) {
-    return (pbs_sample_params){.count = count_of(j, node),
+    double radius = j->o->max_error - error_of(node, 0);
+    return (pbs_sample_params){.radius = radius > 0 ? (float)fmin(radius, 3e38) : 0,
+                               .count = count_of(j, node),
                                .method = (pbs_method)j->o->method,
                                .normal_weight = (float)j->o->normal_weight,
                                .seed = j->o->seed,
@@ -371,12 +385,19 @@ static void add_stats(job *j) {
     pbs_stat_count(app, "surfels", j->total_out);
     pbs_stat_count(app, "candidates_coincident", j->duplicates);
     pbs_stat_count(app, "candidates_invalid", j->invalid);
+    pbs_stat_real(app, "error_largest", j->error);
+    if (j->o->max_error > 0) pbs_stat_count(app, "nodes_short", j->short_of);
     pbs_stat_real(app, "covering_radius", j->covering);
     pbs_stat_real(app, "min_spacing", isfinite(j->min_spacing) ? j->min_spacing : 0);
     pbs_stat_real(app, "median_spacing_1000", j->median);
     pbs_record_text(&j->out, channels);
     pbs_stat_record(app, channels, j->out.stride);
     pbs_stat_count(app, "bytes", pbs_writer_bytes(j->w));
+    if (j->short_of)
+        pbs_note(app,
+                 "%llu of %llu nodes have errors up to %g: give pbs-gbuffer the same --max-error "
+                 "and a larger -n",
+                 (unsigned long long)j->short_of, (unsigned long long)j->sampled, j->error);
     if (j->invalid)
         pbs_note(app, "left out: %llu candidates with NaN or infinite positions",
                  (unsigned long long)j->invalid);
@@ -384,6 +405,8 @@ static void add_stats(job *j) {
 
 static pbs_code sample_all(job *j, pbs_err *err) {
     pbs_app *app = j->app;
+    if (j->o->max_error > 0 && j->o->method != PBS_GREEDY)
+        return pbs_fail(err, PBS_USAGE, "--max-error: only --method greedy knows its error");
     if (is_exr(pbs_operand(app, 0))) return sample_exr(j, err);
     if (app->common.operand_count > 1)
         return pbs_fail(err, PBS_USAGE, "%s: one file of candidates, or any number of EXR files",

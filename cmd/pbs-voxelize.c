@@ -10,6 +10,7 @@
 
 typedef struct options {
     uint64_t resolution;
+    double max_error;
     const char *box;
     int orientation, per_face;
     bool conservative, separating, bare, interior, ignore_missing, keep_going, measure;
@@ -21,6 +22,9 @@ static const char *const per_face_names[] = {"none", "material", "colour", NULL}
 static const pbs_option table[] = {
     {'r', "resolution", PBS_COUNT, offsetof(options, resolution), "N",
      "voxels along each axis of the cube (default 1024)", 1, PBS_GRID_MAX, NULL, true},
+    {'e', "max-error", PBS_REAL, offsetof(options, max_error), "E",
+     "instead: as many as bring the error down to E, in the scene's unit", 1e-300, 1e300, NULL,
+     true},
     {'b', "box", PBS_TEXT, offsetof(options, box), "X,Y,Z,SIDE",
      "lower corner and side of the cube (default: around the scene)", 0, 0, NULL, true},
     {0, "conservative", PBS_FLAG, offsetof(options, conservative), NULL,
@@ -200,13 +204,48 @@ static pbs_code parse_box(job *j, pbs_err *err) {
     return PBS_OK;
 }
 
+static pbs_code set_grid(job *j, const pbs_box *box, uint32_t size, pbs_err *err) {
+    j->grid = pbs_grid_around(box, size);
+    return j->o->box ? parse_box(j, err) : PBS_OK;
+}
+
+/* The middle of a voxel is at most half its diagonal from a point of the surface in it. */
+static double error_of(const job *j) {
+    return sqrt(3) / 2 * j->grid.voxel;
+}
+
+/* The fewest voxels whose error is small enough. */
+static pbs_code refine_grid(job *j, const pbs_box *box, pbs_err *err) {
+    const double most = j->o->max_error;
+    pbs_code rc = set_grid(j, box, PBS_GRID_MAX, err);
+    if (rc) return rc;
+    if (error_of(j) > most)
+        return pbs_fail(err, PBS_LIMIT,
+                        "--max-error %g: %d voxels along each axis, the most there "
+                        "can be, have an error of up to %g",
+                        most, PBS_GRID_MAX, error_of(j));
+    uint32_t low = 1, high = PBS_GRID_MAX;
+    while (low < high && !rc) {
+        uint32_t middle = low + (high - low) / 2;
+        rc = set_grid(j, box, middle, err);
+        if (error_of(j) > most)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return rc ? rc : set_grid(j, box, low, err);
+}
+
 static pbs_code choose_grid(job *j, pbs_err *err) {
     pbs_box box;
+    const options *o = j->o;
+    if (o->resolution && o->max_error > 0)
+        return pbs_fail(err, PBS_USAGE, "only one of --resolution and --max-error can be given");
     pbs_code rc = pbs_scene_box(&j->scene, &box, &j->triangles, &j->singular, err);
     if (rc) return rc;
-    uint32_t size = (uint32_t)j->o->resolution;
-    j->grid = pbs_grid_around(&box, size);
-    if (j->o->box) return parse_box(j, err);
+    rc = o->max_error > 0 ? refine_grid(j, &box, err)
+                          : set_grid(j, &box, o->resolution ? (uint32_t)o->resolution : 1024, err);
+    if (rc || o->box) return rc;
     if (!(j->grid.voxel < INFINITY) || !(j->grid.voxel >= DBL_MIN))
         return pbs_fail(err, PBS_DATA, "%s: the scene is too large or too small for a grid",
                         pbs_reader_name(j->scene.reader));
@@ -349,6 +388,7 @@ static void add_stats(job *j) {
     }
     if (j->measure) add_measures(j);
     pbs_stat_count(app, "resolution", j->grid.size);
+    pbs_stat_real(app, "error_bound", error_of(j));
     pbs_stat_real(app, "voxel", j->grid.voxel);
     pbs_stat_count(app, "parts_oriented", parts.parts_known);
     pbs_stat_count(app, "parts_turned", parts.parts_turned);
@@ -409,6 +449,6 @@ static pbs_code work(pbs_app *app, void *opt, pbs_err *err) {
 }
 
 int main(int argc, char **argv) {
-    options o = {.resolution = 1024};
+    options o = {0};
     return pbs_tool_main(argc, argv, &tool, &o, work);
 }

@@ -196,13 +196,14 @@ pbs_code pbs_cache_store(pbs_cache *c, const pbs_cache_key *key, const pbs_piece
 /* ---- what the sampler made ---- */
 
 pbs_cache_key pbs_cache_sample_key(const pbs_points *in, const pbs_sample_params *p) {
-    uint8_t text[48] = "order 1", *at = text + 8;
+    uint8_t text[52] = "order 2", *at = text + 8;
     at = pbs_put_u64(at, p->count);
     at = pbs_put_u64(at, p->seed);
     at = pbs_put_u32(at, p->node);
     at = pbs_put_u32(at, (uint32_t)p->method);
     at = pbs_put_u32(at, p->subset);
     at = pbs_put_f32(at, p->normal_weight);
+    at = pbs_put_f32(at, p->radius);
     pbs_piece pieces[3] = {{text, (size_t)(at - text)},
                            {in->position, in->count * 12},
                            {in->normal, in->normal ? in->count * 4 : 0}};

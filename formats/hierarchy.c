@@ -2,6 +2,7 @@
  * 3.4). */
 #include "formats/hierarchy.h"
 #include "formats/dag.h"
+#include "libcore/extent.h"
 #include "libcore/views.h"
 #include <string.h>
 
@@ -17,7 +18,8 @@ typedef struct maker {
     pbs_plan *plan;
     bool *top;
     bool *moves;         /* something below each node does */
-    pbs_box *still;      /* of what does not; at first of the node's own vertices */
+    pbs_extent *all;     /* of everything below each node */
+    pbs_extent *still;   /* of what does not move; at first of the node's own vertices */
     uint64_t *vertices;  /* placed below each node, without what moves */
     uint64_t *triangles; /* likewise */
 } maker;
@@ -62,12 +64,6 @@ static void to_part(double out[12], const double m[12], const double origin[3]) 
     pbs_xform_mul(out, m, local);
 }
 
-static void add_box(pbs_box *to, const pbs_box *b) {
-    if (pbs_box_is_empty(b)) return;
-    pbs_box_add(to, b->min);
-    pbs_box_add(to, b->max);
-}
-
 /* ---- who is a top ---- */
 
 /* The one child that is all there is to see of a node, or NULL. */
@@ -108,16 +104,17 @@ static pbs_code measure_parts(maker *k, pbs_err *err) {
     for (size_t i = 0; i < s->node_count; i++) {
         pbs_code rc = i % 256 ? PBS_OK : pbs_run_check(s->run, err);
         if (rc) return rc;
-        k->still[i] = PBS_BOX_EMPTY;
+        pbs_box box = PBS_BOX_EMPTY;
         for (size_t j = s->first_mesh[i]; j < s->first_mesh[i + 1]; j++) {
             const pbs_mesh *mesh = &s->meshes[j];
             for (uint32_t v = 0; v < mesh->vertices; v++) {
                 double p[3];
                 for (int a = 0; a < 3; a++)
                     p[a] = s->nodes[i].origin[a] + mesh->position[3 * v + (uint32_t)a];
-                pbs_box_add(&k->still[i], p);
+                pbs_box_add(&box, p);
             }
         }
+        k->still[i] = pbs_extent_of(&box);
     }
     return PBS_OK;
 }
@@ -150,26 +147,29 @@ static pbs_code add_vertices(void *ctx, uint32_t node, const double m[12], uint3
 static pbs_code measure(maker *k, uint32_t node, pbs_err *err) {
     pbs_planned *p = &k->plan->nodes[node];
     const pbs_node *n = &k->s->nodes[node];
-    pbs_box *still = &k->still[node];
+    pbs_extent *still = &k->still[node], *all = &k->all[node];
+    bool root = node + 1 == k->s->node_count;
     pbs_code rc = PBS_OK;
-    p->box = *still;
+    *all = *still;
     k->moves[node] = false;
     for (uint32_t j = 0; j < n->child_count; j++) {
         const pbs_child *c = &n->children[j];
         bool moves = c->flags & PBS_CHILD_MOVES;
-        pbs_box b = pbs_xform_box(c->m, &k->plan->nodes[c->node].box);
-        add_box(&p->box, &b);
-        b = pbs_xform_box(c->m, &k->still[c->node]);
-        if (!moves) add_box(still, &b);
+        pbs_extent placed = pbs_extent_place(c->m, &k->all[c->node]);
+        pbs_extent_join(all, &placed);
+        placed = pbs_extent_place(c->m, &k->still[c->node]);
+        if (!moves) pbs_extent_join(still, &placed);
         k->moves[node] |= moves || k->moves[c->node];
     }
-    if (p->wanted && n->child_count && k->vertices[node] <= EXACT_VERTICES) {
-        exact e = {k, still};
-        *still = PBS_BOX_EMPTY;
+    if ((p->wanted || root) && n->child_count && k->vertices[node] <= EXACT_VERTICES) {
+        pbs_box box = PBS_BOX_EMPTY;
+        exact e = {k, &box};
         rc = pbs_dag_walk(k->s->run, k->s->nodes, node + 1, add_vertices, &e, err);
+        *still = pbs_extent_of(&box);
     }
-    p->seen = *still;
-    if (!k->moves[node]) p->box = *still;
+    if (!k->moves[node]) *all = *still;
+    p->seen = still->box;
+    p->box = all->box;
     return rc;
 }
 
@@ -189,7 +189,9 @@ static pbs_code plan_views(maker *k, uint32_t node, pbs_err *err) {
         p->seen.min[a] -= p->origin[a];
         p->seen.max[a] -= p->origin[a];
     }
-    p->resolution = pbs_lod_resolution(k->lod, p->wanted);
+    double side = 0;
+    for (int a = 0; a < 3; a++) side = fmax(side, p->seen.max[a] - p->seen.min[a]);
+    p->resolution = pbs_lod_resolution(k->lod, p->wanted, side);
     pbs_gbuffer_params params = *k->views;
     params.box = p->seen;
     params.resolution = p->resolution;
@@ -298,6 +300,7 @@ static pbs_code take_room(maker *k, pbs_err *err) {
     if (!rc) rc = pbs_alloc(s->run, &k->top, n, sizeof *k->top, what, err);
     if (!rc) rc = pbs_alloc(s->run, &k->moves, n, sizeof *k->moves, what, err);
     if (!rc) rc = pbs_alloc(s->run, &k->still, n, sizeof *k->still, what, err);
+    if (!rc) rc = pbs_alloc(s->run, &k->all, n, sizeof *k->all, what, err);
     if (!rc) rc = pbs_alloc(s->run, &k->triangles, n, sizeof *k->triangles, what, err);
     if (!rc) rc = pbs_alloc(s->run, &k->vertices, n, sizeof *k->vertices, what, err);
     if (!rc) rc = pbs_alloc(s->run, &k->plan->meshes, n, sizeof *k->plan->meshes, what, err);
@@ -324,6 +327,7 @@ pbs_code pbs_plan_make(const pbs_scene *s, const pbs_lod *lod, const pbs_gbuffer
     pbs_free(s->run, k.top);
     pbs_free(s->run, k.moves);
     pbs_free(s->run, k.still);
+    pbs_free(s->run, k.all);
     pbs_free(s->run, k.triangles);
     pbs_free(s->run, k.vertices);
     return rc;

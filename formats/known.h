@@ -1,5 +1,5 @@
 /* known.h: what the writer of a scene keeps of the nodes that are written: enough to place them,
- * and to see that a new one is the same as an earlier one. About 90 bytes a node.
+ * and to see that a new one is the same as an earlier one. About 120 bytes a node.
  *
  * Equal nodes are one, though their names may differ. Then the later one gets an id of its own, an
  * alias, which stands for the earlier node and remembers the name for placings that have none.
@@ -8,14 +8,14 @@
 #define PBS_KNOWN_H
 
 #include "formats/digest.h"
+#include "libcore/extent.h"
 #include "libcore/run.h"
-#include "libcore/vec.h"
 
 #define PBS_ALIAS_BIT 0x80000000u /* in ids of aliases */
 
 typedef struct pbs_known_node {
     uint64_t triangles;
-    pbs_box box;
+    pbs_extent extent;
     pbs_digest digest;
     uint64_t name; /* its digest */
 } pbs_known_node;

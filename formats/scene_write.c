@@ -113,9 +113,10 @@ static pbs_digest begin_digest(char kind, const char *name) {
     return d;
 }
 
-static pbs_code add_node(pbs_scene_writer *s, const pbs_node *n, const pbs_digest *digest,
-                         uint32_t *id, pbs_err *err) {
-    pbs_known_node known = {n->triangles, n->box, *digest, pbs_digest_text(n->name)};
+static pbs_code add_node(pbs_scene_writer *s, pbs_node *n, const pbs_extent *extent,
+                         const pbs_digest *digest, uint32_t *id, pbs_err *err) {
+    pbs_known_node known = {n->triangles, *extent, *digest, pbs_digest_text(n->name)};
+    n->box = extent->box;
     *id = n->id;
     pbs_code rc = pbs_known_add(&s->known, &known, err);
     return rc ? rc : pbs_node_write(s->run, s->w, n, err);
@@ -170,12 +171,13 @@ static pbs_code put_part(pbs_scene_writer *s, const char *name, const pbs_box *b
     pbs_code rc = pbs_known_find(&s->known, &d, name, &found, id, err);
     s->totals.parts_unified += found;
     if (rc || found) return rc;
-    pbs_node n = {.id = (uint32_t)s->known.count, .name = name, .box = *box};
+    pbs_node n = {.id = (uint32_t)s->known.count, .name = name};
+    pbs_extent extent = pbs_extent_of(box);
     n.triangles = n.records = s->meshes.triangles;
     memcpy(n.origin, s->part_origin, sizeof n.origin);
     s->totals.stored += n.triangles;
     rc = write_meshes(s, n.id, err);
-    return rc ? rc : add_node(s, &n, &d, id, err);
+    return rc ? rc : add_node(s, &n, &extent, &d, id, err);
 }
 
 static pbs_code put_leaf(void *ctx, const pbs_leaf *leaf, uint32_t *id, pbs_err *err) {
@@ -256,17 +258,18 @@ static pbs_digest assembly_digest(const char *name, const pbs_child *child, size
 /* Writes the node: children are final. */
 static pbs_code write_assembly(pbs_scene_writer *s, const char *name, pbs_child *child,
                                size_t count, const pbs_digest *d, uint32_t *id, pbs_err *err) {
-    pbs_node n = {.id = (uint32_t)s->known.count, .name = name, .box = PBS_BOX_EMPTY};
+    pbs_node n = {.id = (uint32_t)s->known.count, .name = name};
+    pbs_extent all = PBS_EXTENT_EMPTY;
     n.children = child;
     n.child_count = (uint32_t)count;
     for (size_t i = 0; i < count; i++) {
         const pbs_known_node *b = &s->known.node[child[i].node];
-        pbs_box box = pbs_xform_box(child[i].m, &b->box);
-        if (!pbs_box_is_empty(&box)) pbs_box_add(&n.box, box.min), pbs_box_add(&n.box, box.max);
+        pbs_extent placed = pbs_extent_place(child[i].m, &b->extent);
+        pbs_extent_join(&all, &placed);
         if (__builtin_add_overflow(n.triangles, b->triangles, &n.triangles))
             n.triangles = UINT64_MAX;
     }
-    return add_node(s, &n, d, id, err);
+    return add_node(s, &n, &all, d, id, err);
 }
 
 typedef struct grouped {
@@ -307,7 +310,7 @@ static pbs_code measure(pbs_scene_writer *s, const pbs_child *child, size_t coun
     pbs_code rc = pbs_alloc(s->run, item, count, sizeof **item, "groups of children", err);
     for (size_t i = 0; i < count && !rc; i++) {
         const pbs_known_node *b = &s->known.node[child[i].node];
-        (*item)[i] = (pbs_group_item){pbs_xform_box(child[i].m, &b->box), b->triangles,
+        (*item)[i] = (pbs_group_item){pbs_extent_place(child[i].m, &b->extent).box, b->triangles,
                                       child[i].flags & PBS_CHILD_MOVES};
     }
     return rc;

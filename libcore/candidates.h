@@ -65,6 +65,14 @@ static inline float pbs_metric_length(const pbs_metric *m, float d2) {
     return d < 3.4028234e38 ? (float)d : 3.4028234e38f;
 }
 
+/* Of the squared distances that are lengths of at most `length`, one that is hardly smaller than
+ * the largest; 0: there is none. */
+static inline float pbs_metric_within(const pbs_metric *m, double length) {
+    double d = length * m->length * (1 - 0x1p-20);
+    d *= d;
+    return !(d > 0x1p-126) ? 0 : d < 3.4e38 ? (float)d : 3.4e38f;
+}
+
 typedef struct pbs_leaf {
     float x[PBS_LEAF], y[PBS_LEAF], z[PBS_LEAF], d[PBS_LEAF];
 } pbs_leaf;
@@ -86,6 +94,7 @@ typedef struct pbs_tree {
     uint32_t *id;             /* of slot leaf * 32 + lane: the caller's index */
     uint32_t *digits;         /* scratch of the sort */
     int levels;               /* fan[levels - 1] is the root */
+    float enough; /* d up to which candidates count as covered: they do not become surfels */
     size_t fans[PBS_LEVELS];
     pbs_fan
         *fan[PBS_LEVELS]; /* child c of fan[0][i] is leaf 8i + c, of fan[k][i] fan[k-1][8i + c] */

@@ -244,6 +244,10 @@ static bool farthest(pbs_greedy *g, size_t *slot) {
     }
 }
 
+static float d_of(const pbs_tree *t, size_t slot) {
+    return t->leaf[slot / PBS_LEAF].d[slot % PBS_LEAF];
+}
+
 static pbs_code take_first(pbs_greedy *g, size_t first, pbs_err *err) {
     size_t wanted = g->wanted < g->surfels ? g->wanted : g->surfels, slot = first;
     for (int k = 0; k < g->t->levels; k++)
@@ -251,7 +255,7 @@ static pbs_code take_first(pbs_greedy *g, size_t first, pbs_err *err) {
     for (size_t f = 0; f < g->t->fans[0]; f++) g->wait[f].count = 0;
     choose(g, slot);
     pbs_code rc = flush_all(g, err);
-    while (!rc && g->made < wanted && farthest(g, &slot)) {
+    while (!rc && g->made < wanted && farthest(g, &slot) && d_of(g->t, slot) > g->t->enough) {
         choose(g, slot);
         if (g->waits > WAITS) rc = flush_all(g, err);
         if (!rc && g->made % 64 == 0) rc = pbs_run_check(g->run, err);
@@ -538,13 +542,16 @@ static float refresh(pbs_tree *t) {
 static float next_bound(const pbs_greedy *g, float top) {
     double to_end = 0.995 * (double)g->made / (double)g->wanted;
     float bound = (float)(top * (to_end > 0.6 ? to_end : 0.6));
+    float least = nextafterf(g->t->enough, INFINITY); /* below top, or it would be the end */
+    if (bound < least) bound = least;
     return bound > 0 && bound < top ? bound : top;
 }
 
 static pbs_code take_rest(pbs_greedy *g, pbs_err *err) {
     pbs_code rc = PBS_OK;
     for (size_t f = 0; f < g->t->fans[0]; f++) g->list[f].epoch = 0;
-    for (float top = refresh(g->t); !rc && g->made < g->wanted && top > 0; top = refresh(g->t)) {
+    for (float top = refresh(g->t); !rc && g->made < g->wanted && top > g->t->enough;
+         top = refresh(g->t)) {
         g->bound = next_bound(g, top);
         pbs_run_progress(g->run, "sampling", g->made, g->wanted);
         rc = sweep_all(g, err);

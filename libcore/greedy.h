@@ -8,7 +8,7 @@
 typedef struct pbs_greedy pbs_greedy; /* scratch */
 
 /* Chooses surfels, `first` (a slot) first, until at least `wanted` are chosen or every candidate
- * is at distance 0. Those chosen have d < 0 in the tree. There may be some more than wanted; each
+ * has d <= t->enough. Those chosen have d < 0 in the tree. There may be some more than wanted; each
  * has the value and the place in the order that it would have if one were chosen after the other.
  * The second is the same function compiled for AVX2; it may be called where the CPU has that. */
 pbs_code pbs_greedy_run(pbs_run *run, pbs_tree *t, size_t first, size_t wanted, pbs_layout *scratch,

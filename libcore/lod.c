@@ -9,8 +9,9 @@ uint32_t pbs_lod_count(const pbs_lod *lod, uint64_t triangles, bool top) {
     return n < UINT32_MAX ? (uint32_t)n : UINT32_MAX;
 }
 
-uint32_t pbs_lod_resolution(const pbs_lod *lod, uint32_t count) {
+uint32_t pbs_lod_resolution(const pbs_lod *lod, uint32_t count, double side) {
     double r = ceil(sqrt(10.0 * count));
+    if (lod->error > 0) r = fmin(r, ceil(PBS_LOD_ERROR * side / lod->error));
     if (lod->resolution) r = ceil(lod->resolution * sqrt(count / (double)lod->most));
     /* What the user asks for may be less. */
     double least = lod->resolution && lod->resolution < 64 ? lod->resolution : 64;

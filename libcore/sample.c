@@ -69,6 +69,7 @@ static pbs_code run_greedy(pbs_sampler *s, const pbs_points *in, const pbs_sampl
     pbs_layout l = {s->block, 0};
     pbs_tree_layout(t, in->count, &l);
     bool wide = pbs_cpu_has_avx2();
+    t->enough = pbs_metric_within(&t->metric, p->radius);
     pbs_code rc = (wide ? pbs_tree_build_avx2 : pbs_tree_build)(s->run, t, in, err);
     if (rc) return rc;
     size_t wanted = wanted_of(t->points, p);

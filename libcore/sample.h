@@ -39,6 +39,8 @@ typedef struct pbs_sample_params {
     uint64_t seed;       /* with the node decides the first surfel, and the heuristics' choices */
     uint32_t node;
     uint32_t subset; /* PBS_PAPER: 0 means 200 */
+    float radius;    /* PBS_GREEDY: the order ends where the covering radius is at most this, to
+                        one in a million; 0: it does not */
 } pbs_sample_params;
 
 typedef struct pbs_sample_result {

@@ -48,7 +48,7 @@ typedef struct planned {
     size_t cap;
 } planned;
 
-static const pbs_lod small_lod = {50, 0.5, 2000, 0};
+static const pbs_lod small_lod = {50, 0.5, 2000, 0, 0};
 static const pbs_gbuffer_params corners = {0};
 
 static pbs_code make_plan(planned *p, const pbs_lod *lod, bool top_down) {
@@ -212,7 +212,7 @@ static void check_who(const planned *p, const pbs_lod *lod) {
         const pbs_planned *q = &p->plan.nodes[i];
         CHECK_NUM(q->wanted == n, i);
         CHECK(!q->wanted == !(q->pixel > 0) && (q->wanted || !q->flags));
-        CHECK(!q->wanted || q->resolution == pbs_lod_resolution(lod, n));
+        CHECK(!q->wanted || q->resolution == pbs_lod_resolution(lod, n, 0));
         wanted += q->wanted != 0;
     }
     CHECK(p->plan.wanted == wanted);
@@ -425,7 +425,7 @@ TEST(deep) {
     for (int i = 0; i < 1000; i++)
         node = add_pair(&m, child_at(node, 0.01, 1, false), child_at(part, i % 7, 1, false));
     planned p = {.s = reopen(&m, node)};
-    CHECK(check_plan(&p, &(pbs_lod){1000, 0.01, 200000, 0}, false) == 0);
+    CHECK(check_plan(&p, &(pbs_lod){1000, 0.01, 200000, 0, 0}, false) == 0);
     CHECK(p.still[node] == 200 * 1001);
     close_scene(&p);
 }

@@ -21,7 +21,7 @@ TEST(count) {
     CHECK(pbs_lod_count(&standard, 400000, false) == 200000);
     CHECK(pbs_lod_count(&standard, UINT64_MAX, false) == 200000);
     CHECK(pbs_lod_count(&standard, 1, true) == 200000);
-    pbs_lod lod = {1, 1e6, 50000000000, 0};
+    pbs_lod lod = {1, 1e6, 50000000000, 0, 0};
     CHECK(pbs_lod_count(&lod, 1, false) == 1000000);
     CHECK(pbs_lod_count(&lod, UINT64_MAX, false) == UINT32_MAX);
     lod.share = 0;
@@ -36,17 +36,17 @@ TEST(count_rises) {
 }
 
 TEST(resolution) {
-    CHECK(pbs_lod_resolution(&standard, 200000) == 1415); /* sqrt(2e6) = 1414.2 */
-    CHECK(pbs_lod_resolution(&standard, 500) == 71);
-    CHECK(pbs_lod_resolution(&standard, 409) == 64 && pbs_lod_resolution(&standard, 1) == 64);
-    CHECK(pbs_lod_resolution(&standard, UINT32_MAX) == PBS_GBUFFER_MAX_SIZE);
-    pbs_lod lod = {1000, 0.5, 10000, 400};
-    CHECK(pbs_lod_resolution(&lod, 10000) == 400 && pbs_lod_resolution(&lod, 2500) == 200);
-    CHECK(pbs_lod_resolution(&lod, 10) == 64);
+    CHECK(pbs_lod_resolution(&standard, 200000, 1) == 1415); /* sqrt(2e6) = 1414.2 */
+    CHECK(pbs_lod_resolution(&standard, 500, 1) == 71);
+    CHECK(pbs_lod_resolution(&standard, 409, 1) == 64 && pbs_lod_resolution(&standard, 1, 1) == 64);
+    CHECK(pbs_lod_resolution(&standard, UINT32_MAX, 1) == PBS_GBUFFER_MAX_SIZE);
+    pbs_lod lod = {1000, 0.5, 10000, 400, 0};
+    CHECK(pbs_lod_resolution(&lod, 10000, 1) == 400 && pbs_lod_resolution(&lod, 2500, 1) == 200);
+    CHECK(pbs_lod_resolution(&lod, 10, 1) == 64);
     lod.resolution = 10; /* less than 64 only where the user says so */
-    CHECK(pbs_lod_resolution(&lod, 10000) == 10 && pbs_lod_resolution(&lod, 10) == 10);
+    CHECK(pbs_lod_resolution(&lod, 10000, 1) == 10 && pbs_lod_resolution(&lod, 10, 1) == 10);
     lod.resolution = PBS_GBUFFER_MAX_SIZE;
-    CHECK(pbs_lod_resolution(&lod, UINT32_MAX) == PBS_GBUFFER_MAX_SIZE);
+    CHECK(pbs_lod_resolution(&lod, UINT32_MAX, 1) == PBS_GBUFFER_MAX_SIZE);
 }
 
 static double length_of(const double m[12], const double v[3]) {
@@ -69,6 +69,16 @@ static double tried(const double m[12], uint64_t *seed) {
         memcpy(at, v, sizeof at);
     }
     return best;
+}
+
+TEST(resolution_of_an_error) {
+    pbs_lod lod = PBS_LOD_DEFAULT;
+    lod.error = 0.01;
+    CHECK(pbs_lod_resolution(&lod, 200000, 1) == 500 &&
+          pbs_lod_resolution(&lod, 200000, 2) == 1000);
+    CHECK(pbs_lod_resolution(&lod, 200000, 100) == 1415); /* finer would be of no use */
+    CHECK(pbs_lod_resolution(&lod, 200000, 0) == 64 &&
+          pbs_lod_resolution(&lod, 200000, 1e-300) == 64);
 }
 
 TEST(stretch_is_the_longest_vector) {

@@ -369,6 +369,26 @@ TEST(a_prefix_is_the_result_of_a_smaller_count) {
     }
 }
 
+/* With a radius the order is the shortest prefix that covers so well. */
+TEST(a_radius_ends_the_order) {
+    for (int which = 0; which < CLOUDS; which++)
+        for (int w = 0; w < 2; w++) {
+            make(&c, which);
+            pbs_sample_params p = {.count = MOST, .normal_weight = weights[w], .seed = 4};
+            sample(&c, &p, 1, &a);
+            for (size_t i = 1; i < a.r.count; i = i * 3 + 1) {
+                p.radius = a.spacing[i] * 1.01f;
+                if (p.radius >= a.spacing[0]) continue; /* D may be infinite there */
+                sample(&c, &p, 1 + (int)(i % 3), &b);
+                size_t n = 1;
+                while (n < a.r.count && a.spacing[n] > p.radius) n++;
+                CHECK_NUM(b.r.count == n && b.r.covering == a.spacing[n], (double)b.r.count);
+                CHECK(!memcmp(a.order, b.order, n * sizeof a.order[0]));
+                CHECK(!memcmp(a.spacing, b.spacing, n * sizeof a.spacing[0]));
+            }
+        }
+}
+
 TEST(greedy_spacing_never_rises_and_starts_with_the_diagonal) {
     begin(&c);
     plate(&c, 40, 0);
