@@ -136,8 +136,9 @@ static bool add_up(const pbs_archive *a, uint32_t node, pbs_sort sort, uint64_t 
     for (size_t i = 0; i < n; i++) {
         const pbs_chunk *c = &a->chunks[list[i]];
         uint64_t bytes = pbs_archive_bytes(a, list[i]);
-        if (!bytes || c->first != *total || (sort != PBS_SORT_POINTS && !c->count)) return false;
-        if (c->bytes != bytes || bytes > PBS_PAYLOAD_MAX) return false;
+        bool whole = c->codec || (c->bytes == bytes && bytes);
+        if (!whole || c->first != *total || (sort != PBS_SORT_POINTS && !c->count)) return false;
+        if (sort != PBS_SORT_MESHES && (!bytes || bytes > PBS_PAYLOAD_MAX)) return false;
         if (sort == PBS_SORT_VOXELS && c->count > PBS_VOXELS_CHUNK) return false;
         *total += c->count;
     }

@@ -88,7 +88,8 @@ typedef struct pbs_fetched {
 pbs_code pbs_archive_fetch(const pbs_archive *a, uint32_t chunk, pbs_fetched *out, pbs_err *err);
 void pbs_archive_release(const pbs_archive *a, pbs_fetched *f);
 
-/* Bytes of its payload when it is decoded; no chunk is read for that. */
+/* Bytes of its payload when it is decoded; of chunks with a codec other than meshes' the directory
+ * is enough, of meshes the chunk's header is read. 0: that is damaged. */
 uint64_t pbs_archive_bytes(const pbs_archive *a, uint32_t chunk);
 
 /* The first n records of a node's points, n <= its records, to `to`, which has n * record.stride

@@ -7,6 +7,7 @@
 
 uint64_t pbs_archive_bytes(const pbs_archive *a, uint32_t chunk) {
     const pbs_chunk *c = &a->chunks[chunk];
+    pbs_chunk header;
     switch (c->tag) {
     case PBS_TAG_POINTS:
         return (uint64_t)c->count * a->record.stride;
@@ -18,8 +19,10 @@ uint64_t pbs_archive_bytes(const pbs_archive *a, uint32_t chunk) {
                    : 0;
     case PBS_TAG_FACES:
         return a->voxel_channels & PBS_FACE ? (uint64_t)c->count * 4 : 0;
-    default:
-        return c->bytes;
+    default: /* only the chunk itself knows */
+        return !c->codec                                      ? c->bytes
+               : pbs_reader_look(a->reader, c, &header, NULL) ? 0
+                                                              : header.bytes;
     }
 }
 
@@ -42,7 +45,10 @@ static pbs_code look_inside(const pbs_archive *a, pbs_fetched *f, pbs_err *err) 
 
 pbs_code pbs_archive_fetch(const pbs_archive *a, uint32_t chunk, pbs_fetched *out, pbs_err *err) {
     memset(out, 0, sizeof *out);
-    pbs_code rc = pbs_reader_at(a->reader, &a->chunks[chunk], &out->chunk, err);
+    pbs_code rc = pbs_reader_load(a->reader, &a->chunks[chunk], &out->chunk, &out->own, err);
+    if (!rc && out->chunk.codec && out->chunk.bytes != pbs_archive_bytes(a, chunk))
+        rc = pbs_fail(err, PBS_DATA, "%s: data of node %u does not fit it",
+                      pbs_reader_name(a->reader), out->chunk.node);
     if (!rc) rc = look_inside(a, out, err);
     if (rc) pbs_archive_release(a, out);
     return rc;
@@ -61,7 +67,7 @@ static pbs_code copy_records(const pbs_archive *a, uint32_t chunk, uint64_t n, u
     const pbs_chunk *entry = &a->chunks[chunk];
     size_t bytes = (size_t)n * a->record.stride;
     pbs_fetched f = {0};
-    *verified = n == entry->count;
+    *verified = n == entry->count || entry->codec;
     pbs_code rc = *verified ? pbs_archive_fetch(a, chunk, &f, err)
                             : pbs_reader_look(a->reader, entry, &f.chunk, err);
     if (!rc && bytes) memcpy(to, f.chunk.payload, bytes);

@@ -41,7 +41,8 @@ static pbs_code check_entry(state *s, const pbs_chunk *c, uint64_t i, pbs_err *e
     if (i >= s->entry_count) return bad(s, c, "not in the directory", err);
     const pbs_chunk *e = &s->entries[i];
     if (e->tag != c->tag || e->flags != c->flags || e->node != c->node || e->count != c->count ||
-        e->offset != c->offset || e->bytes != c->bytes || e->crc != c->crc || e->first != c->first)
+        e->offset != c->offset || e->stored != c->stored || e->codec != c->codec ||
+        e->crc != c->crc || e->first != c->first)
         return bad(s, c, "differs from the directory", err);
     return PBS_OK;
 }

@@ -109,18 +109,24 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     return 0;
 }
 
+static bool write_seed(const char *folder, const char *name, int number, blob b) {
+    char path[4096];
+    snprintf(path, sizeof path, "%s/%s-%d.pbs", folder, name, number);
+    FILE *f = fopen(path, "wb");
+    bool ok = f && fwrite(b.bytes, 1, b.size, f) == b.size;
+    if (f && fclose(f)) ok = false;
+    if (!ok) perror(path);
+    free(b.bytes);
+    return ok;
+}
+
 static int write_seeds(const char *folder) {
-    for (int k = 0; k < SMALL_KINDS; k++) {
-        char path[4096];
-        blob b = small_file(&run, k);
-        snprintf(path, sizeof path, "%s/small-%d.pbs", folder, k);
-        FILE *f = fopen(path, "wb");
-        bool ok = f && fwrite(b.bytes, 1, b.size, f) == b.size;
-        if (f && fclose(f)) ok = false;
-        free(b.bytes);
-        if (!ok) return perror(path), 1;
-    }
-    return 0;
+    bool ok = true;
+    for (int k = 0; k < SMALL_KINDS; k++)
+        ok = write_seed(folder, "small", k, small_file(&run, k)) && ok;
+    for (int c = 1; c < PBS_CODECS; c++)
+        ok = write_seed(folder, "packed", c, small_mixed(&run, (pbs_codec)c)) && ok;
+    return !ok;
 }
 
 /* Weak: the fuzzer's own comes before it. */

@@ -83,11 +83,12 @@ static inline void mixed_voxels(pbs_writer *w) {
     must(pbs_faces_write(w, MIXED_VOXELS, false, faces, 7, 0, &err), &err);
 }
 
-static inline blob small_mixed(pbs_run *run) {
+/* packed: the codec of what has one */
+static inline blob small_mixed(pbs_run *run, pbs_codec packed) {
     pbs_record r = pbs_record_make(MIXED_CHANNELS, true);
     char text[512];
     pbs_archive_text(&r, MIXED_VOXEL_CHANNELS, text);
-    pbs_writer *w = spool_writer(run, PBS_ARCHIVE, text, MIXED_CHUNKS);
+    pbs_writer *w = coded_writer(run, PBS_ARCHIVE, text, MIXED_CHUNKS, packed);
     mixed_nodes(run, w);
     mixed_materials(w);
     mixed_points(run, w);
