@@ -52,6 +52,10 @@ libs_exr    := -lOpenEXRCore
 # CGAL's intervals need their rounding; gcc sees in its headers what is not there.
 flags_mend  := -frounding-math -Wno-maybe-uninitialized
 libs_mend   := -lmpfr -lgmp
+flags_zstd  :=
+libs_zstd   := -lzstd
+flags_meshopt :=
+libs_meshopt := -lmeshoptimizer
 modules :=
 ifeq ($(call have,tiny_gltf.h draco/compression/decode.h nlohmann/json.hpp simdjson.h meshoptimizer.h,$(flags_gltf)),yes)
 modules += gltf
@@ -65,7 +69,13 @@ endif
 ifeq ($(call have,CGAL/Surface_mesh.h gmp.h mpfr.h,$(flags_mend)),yes)
 modules += mend
 endif
-missing := $(filter-out $(modules),gltf image exr mend)
+ifeq ($(call have,zstd.h,$(flags_zstd)),yes)
+modules += zstd
+endif
+ifeq ($(call have,meshoptimizer.h,$(flags_meshopt)),yes)
+modules += meshopt
+endif
+missing := $(filter-out $(modules),gltf image exr mend zstd meshopt)
 
 .PHONY: all test demo report bench fuzz lint install clean deps
 .SECONDARY:
@@ -158,11 +168,11 @@ report: deps
 bench: all $(benches)
 	@scripts/bench $(B) $(if $(SCENES),"$(SCENES)" $(NAMES))
 # Mutates small valid files and looks whether the checker survives; needs clang with libFuzzer.
-fuzz:
+fuzz: $(modules:%=$(B)/lib/pbs/%.so)
 	@mkdir -p build/fuzz/corpus
 	clang -g -O1 -std=c11 -D_GNU_SOURCE -DPBS_VERSION='"$(VERSION)"' -I. -fsanitize=fuzzer,address,undefined -o build/fuzz/container \
 	    tests/fuzz/fuzz_container.c formats/*.c libcore/*.c -lm -ldl -pthread
-	build/fuzz/container -max_total_time=60 -max_len=8192 -timeout=10 build/fuzz/corpus
+	PBS_MODULES=$(B)/lib/pbs build/fuzz/container -max_total_time=60 -max_len=8192 -timeout=10 build/fuzz/corpus
 lint:
 	@scripts/lint
 

@@ -45,21 +45,24 @@ static void report(pbs_app *app, const pbs_cloudpack_stats *s) {
     pbs_stat_real(app, "position_error_bound", s->bound);
 }
 
-static pbs_code flatten(pbs_app *app, pbs_cloud *clouds, pbs_input *first, pbs_err *err) {
+static pbs_code flatten(pbs_app *app, pbs_codec codec, pbs_cloud *clouds, pbs_input *first,
+                        pbs_err *err) {
     int count = app->common.operand_count ? app->common.operand_count : 1;
     pbs_cloudpack_stats stats;
     pbs_code rc = pbs_cloud_open_input(&app->run, first, pbs_operand(app, 0), &clouds[0], err);
     for (int i = 1; i < count && !rc; i++) rc = open_next(app, i, &clouds[i], err);
     if (!rc)
-        rc = pbs_cloudpack(&app->run, clouds, (size_t)count,
-                           &(pbs_writer_desc){.path = app->common.output, .stage = app->stage},
-                           &stats, err);
+        rc = pbs_cloudpack(
+            &app->run, clouds, (size_t)count,
+            &(pbs_writer_desc){.path = app->common.output, .stage = app->stage, .codec = codec},
+            &stats, err);
     if (!rc) report(app, &stats);
     for (int i = 0; i < count; i++) pbs_cloud_close(&clouds[i]);
     return rc;
 }
 
-pbs_code pbs_flatten_clouds(pbs_app *app, pbs_input *first, bool *done, pbs_err *err) {
+pbs_code pbs_flatten_clouds(pbs_app *app, pbs_codec codec, pbs_input *first, bool *done,
+                            pbs_err *err) {
     bool stream;
     *done = false;
     pbs_code rc = pbs_input_open(&app->run, pbs_operand(app, 0), first, err);
@@ -70,7 +73,7 @@ pbs_code pbs_flatten_clouds(pbs_app *app, pbs_input *first, bool *done, pbs_err 
     size_t count = (size_t)app->common.operand_count + 1;
     pbs_cloud *clouds = rc ? NULL : calloc(count, sizeof *clouds);
     if (clouds) {
-        rc = flatten(app, clouds, first, err);
+        rc = flatten(app, codec, clouds, first, err);
         free(clouds);
         return rc;
     }

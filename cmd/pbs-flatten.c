@@ -8,13 +8,22 @@
 #include <stdlib.h>
 #include <string.h>
 
+typedef struct options {
+    int codec; /* pbs_codec */
+} options;
+
+static const pbs_option table[] = {
+    {0, "codec", PBS_CHOICE, offsetof(options, codec), "WHICH", "how the data is packed", 0, 0,
+     pbs_codec_name, true},
+};
+
 static const pbs_tool tool = {"pbs-flatten",
                               "Packs surfels and voxels, or point clouds, into one archive",
                               "[FILE...]",
                               0,
                               -1,
-                              NULL,
-                              0,
+                              table,
+                              sizeof table / sizeof table[0],
                               false};
 
 typedef struct input {
@@ -38,6 +47,7 @@ typedef struct entry {
 
 typedef struct job {
     pbs_app *app;
+    pbs_codec codec;
     pbs_input first; /* of the first input, which is open already */
     input *inputs;
     size_t input_count;
@@ -367,7 +377,8 @@ static pbs_code open_writer(job *j, pbs_err *err) {
                                                      .channels = channels,
                                                      .history = history,
                                                      .stage = j->app->stage,
-                                                     .front = chunks},
+                                                     .front = chunks,
+                                                     .codec = j->codec},
                                   &j->w, err);
     free(history);
     return rc;
@@ -456,10 +467,10 @@ static pbs_code flatten(job *j, pbs_err *err) {
 }
 
 static pbs_code work(pbs_app *app, void *opt, pbs_err *err) {
-    (void)opt;
-    job j = {.app = app, .input_count = (size_t)app->common.operand_count};
+    pbs_codec codec = (pbs_codec)((options *)opt)->codec;
+    job j = {.app = app, .codec = codec, .input_count = (size_t)app->common.operand_count};
     bool done;
-    pbs_code rc = pbs_flatten_clouds(app, &j.first, &done, err);
+    pbs_code rc = pbs_flatten_clouds(app, codec, &j.first, &done, err);
     if (rc || done) return rc;
     if (!j.input_count) j.input_count = 1;
     if (!(j.inputs = calloc(j.input_count, sizeof *j.inputs))) {
@@ -489,5 +500,6 @@ static pbs_code work(pbs_app *app, void *opt, pbs_err *err) {
 }
 
 int main(int argc, char **argv) {
-    return pbs_tool_main(argc, argv, &tool, NULL, work);
+    options o = {0};
+    return pbs_tool_main(argc, argv, &tool, &o, work);
 }

@@ -79,7 +79,7 @@ static bool place_of(const printer *p, const pbs_chunk *c, pbs_voxel_place *plac
     pbs_voxels v;
     pbs_chunk one = *c;
     if (c->tag != PBS_TAG_VOXELS || !p->voxels) return false;
-    if (!one.payload) one.payload = pbs_reader_peek(p->r, c);
+    if (!one.payload) one.payload = pbs_reader_peek(p->r, c); /* NULL where it is packed */
     return one.payload && !pbs_voxels_view("", p->voxels, &one, one.first, place, &v, NULL);
 }
 
@@ -94,7 +94,8 @@ static void print_chunk(const printer *p, const pbs_chunk *c) {
             printf("%12s  tag   %8s %10s %10s %12s  crc\n", "offset", "node", "first", "count",
                    "bytes");
         printf("%12" PRIu64 "  %s  %8s %10u %10u %12" PRIu64 "  %08x", c->offset, tag, node,
-               c->first, c->count, c->bytes, c->crc);
+               c->first, c->count, c->stored, c->crc);
+        if (c->codec && c->codec < PBS_CODECS) printf("  %s", pbs_codec_name[c->codec]);
         if (has_place)
             printf("  level %u, %u %u %u", at.level, at.chunk[0], at.chunk[1], at.chunk[2]);
         printf("\n");
@@ -103,7 +104,8 @@ static void print_chunk(const printer *p, const pbs_chunk *c) {
     printf("%s\n  {\"offset\": %" PRIu64 ", \"tag\": ", p->chunks ? "," : "", c->offset);
     pbs_print_json_text(tag, 4);
     printf(", \"node\": %s, \"first\": %u, \"count\": %u, \"bytes\": %" PRIu64 ", \"crc\": %u",
-           c->node == UINT32_MAX ? "null" : node, c->first, c->count, c->bytes, c->crc);
+           c->node == UINT32_MAX ? "null" : node, c->first, c->count, c->stored, c->crc);
+    if (c->codec && c->codec < PBS_CODECS) printf(", \"codec\": \"%s\"", pbs_codec_name[c->codec]);
     if (has_place)
         printf(", \"level\": %u, \"cells\": [%u, %u, %u]", at.level, at.chunk[0], at.chunk[1],
                at.chunk[2]);

@@ -149,6 +149,7 @@ typedef struct cursor {
     size_t index, at;
     uint64_t have; /* voxels in chunks so far */
     pbs_voxels view;
+    void *own; /* the unpacked payload that view points into */
 } cursor;
 
 static cursor begin(const pbs_voxel_check *v, const member *m) {
@@ -162,7 +163,9 @@ static pbs_code next_voxel(cursor *c, uint32_t *place, bool *end, pbs_err *err) 
         pbs_voxel_place where;
         if ((*end = c->have == c->m->voxels)) return PBS_OK;
         while (c->v->entries[c->index].tag != PBS_TAG_VOXELS) c->index++;
-        pbs_code rc = pbs_reader_at(c->v->reader, &c->v->entries[c->index++], &chunk, err);
+        pbs_free(c->v->run, c->own);
+        pbs_code rc =
+            pbs_reader_load(c->v->reader, &c->v->entries[c->index++], &chunk, &c->own, err);
         if (!rc)
             rc =
                 pbs_voxels_view(c->v->name, c->v->channels, &chunk, c->have, &where, &c->view, err);
@@ -206,10 +209,12 @@ static pbs_code check_cover(const pbs_voxel_check *v, uint32_t id, const uint32_
             code = above;
         }
         if (!rc) rc = expect(&parent, id, code, faces, err);
+        pbs_free(v->run, child.own);
     }
     bool end = true;
     uint32_t place;
     if (!rc) rc = next_voxel(&parent, &place, &end, err);
+    pbs_free(v->run, parent.own);
     return rc || end ? rc : bad(v, id, "they are not those that their children make", err);
 }
 

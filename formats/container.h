@@ -8,6 +8,7 @@
 #ifndef PBS_CONTAINER_H
 #define PBS_CONTAINER_H
 
+#include "formats/codec.h"
 #include "formats/file.h"
 
 #define PBS_VERSION_MAJOR 1 /* a reader refuses a newer one */
@@ -23,8 +24,6 @@ typedef enum pbs_kind {
     PBS_CANDIDATES,
     PBS_SURFELS,
     PBS_VOXELS,
-    PBS_LODS,
-    PBS_POINTS,
     PBS_ARCHIVE,
     PBS_KINDS
 } pbs_kind;
@@ -45,10 +44,12 @@ const char *pbs_tag_text(uint32_t tag, char out[5]);
 
 typedef struct pbs_chunk {
     uint32_t tag, flags, node, count, first;
-    uint64_t bytes;      /* of the payload */
-    uint32_t crc;        /* of the payload */
-    uint64_t offset;     /* of the chunk's header in the file */
-    const void *payload; /* aligned to PBS_ALIGN; NULL if there is none */
+    pbs_codec codec; /* of the payload in the file; flags do not have it */
+    uint64_t bytes;  /* of the payload; in a directory's entry, which does not know: as stored */
+    uint64_t stored; /* of the payload in the file: the same without a codec */
+    uint32_t crc;    /* of the payload in the file */
+    uint64_t offset; /* of the chunk's header in the file */
+    const void *payload; /* unpacked, aligned to PBS_ALIGN; NULL if there is none */
 } pbs_chunk;
 
 /* ---- writing ---- */
@@ -62,7 +63,8 @@ typedef struct pbs_writer_desc {
     const char *channels; /* "position:f32x3 normal:i16x2", "" for a scene that has none */
     const char *history;  /* provenance of the inputs, whole lines, or NULL */
     const char *stage;    /* this stage's line, without "stage " and newline */
-    uint64_t front; /* chunks that will be written; their directory goes in front. 0: behind */
+    uint64_t front;  /* chunks that will be written; their directory goes in front. 0: behind */
+    pbs_codec codec; /* of archives: data goes through it, where that makes it smaller */
 } pbs_writer_desc;
 
 pbs_code pbs_writer_open(pbs_run *run, const pbs_writer_desc *desc, pbs_writer **out, pbs_err *err);
@@ -74,7 +76,8 @@ typedef struct pbs_piece {
 pbs_code pbs_writer_chunk(pbs_writer *w, const pbs_chunk *chunk, const pbs_piece *piece, int pieces,
                           pbs_err *err);
 /* A chunk as a reader gave it, which has checked it: with that payload, and its checksum is not
- * made again. Only tag, flags, node, count and first may have changed. */
+ * made again, unless a codec is between them. Only tag, flags, node, count and first may have
+ * changed. */
 pbs_code pbs_writer_pass(pbs_writer *w, const pbs_chunk *chunk, pbs_err *err);
 /* Directory, footer, and the file gets its name. */
 pbs_code pbs_writer_commit(pbs_writer *w, pbs_err *err);
@@ -98,9 +101,9 @@ pbs_code pbs_reader_open_path(pbs_run *run, const char *path, uint32_t kinds, pb
                               pbs_err *err);
 bool pbs_is_container(const uint8_t *bytes, size_t n);
 
-/* The next chunk but directory pages, checked; payload is valid until the next call (in a map:
- * until close, unless it came from pbs_input_open_both). *end: the footer was reached and
- * everything agrees. */
+/* The next chunk but directory pages, checked and unpacked; payload is valid until the next call
+ * (in a map, and without a codec: until close, unless it came from pbs_input_open_both). *end: the
+ * footer was reached and everything agrees. */
 pbs_code pbs_reader_next(pbs_reader *r, pbs_chunk *chunk, bool *end, pbs_err *err);
 
 /* Random access, mapped inputs only (pbs_input_map makes one of a pipe). entries is the whole
@@ -108,10 +111,24 @@ pbs_code pbs_reader_next(pbs_reader *r, pbs_chunk *chunk, bool *end, pbs_err *er
 pbs_code pbs_reader_directory(pbs_reader *r, const pbs_chunk **entries, size_t *count,
                               pbs_err *err);
 /* The payload behind an entry as it lies in the map, without a look at it or its checksum: for its
- * first bytes, where the rest is not to be read. NULL if the file is too short, or no map. */
+ * first bytes, where the rest is not to be read. NULL if the file is too short, or no map, or there
+ * is a codec. */
 const void *pbs_reader_peek(const pbs_reader *r, const pbs_chunk *entry);
-/* Reads and checks the chunk behind an entry; its payload is valid as above. */
-pbs_code pbs_reader_at(pbs_reader *r, const pbs_chunk *entry, pbs_chunk *chunk, pbs_err *err);
+/* Reads and checks the chunk behind an entry, which has no codec (of data in archives:
+ * pbs_reader_load). Thread-safe, as the next two are. */
+pbs_code pbs_reader_at(const pbs_reader *r, const pbs_chunk *entry, pbs_chunk *chunk, pbs_err *err);
+/* The same of any chunk, but as pbs_reader_next does it: one at a time, valid until the next call,
+ * and read from the file where pbs_input_open_both left it open. */
+pbs_code pbs_reader_read(pbs_reader *r, const pbs_chunk *entry, pbs_chunk *chunk, pbs_err *err);
+/* The same of any chunk: *own is the unpacked payload, which the caller frees with pbs_free and the
+ * reader's run, or NULL without a codec; also after an error. */
+pbs_code pbs_reader_load(const pbs_reader *r, const pbs_chunk *entry, pbs_chunk *chunk, void **own,
+                         pbs_err *err);
+/* The same without a look at the payload, which is as it is stored: only the chunk's header is
+ * checked, and that the file is long enough. For sizes, and for the first bytes of a payload, where
+ * the rest is not to be read. */
+pbs_code pbs_reader_look(const pbs_reader *r, const pbs_chunk *entry, pbs_chunk *chunk,
+                         pbs_err *err);
 
 pbs_kind pbs_reader_kind(const pbs_reader *r);
 const char *pbs_reader_name(const pbs_reader *r);     /* for messages */

@@ -27,7 +27,8 @@ enum {
     CHUNK_CRC_AT = 32,
     CHUNK_FIRST_AT = 36,
     CHUNK_SEQUENCE_AT = 56,
-    CHUNK_SELF_AT = 60, /* CRC of bytes 0 .. 59 */
+    CHUNK_SELF_AT = 60,      /* CRC of bytes 0 .. 59 */
+#define PBS_CODEC_MASK 0xffu /* of the flags, in chunk headers and entries */
 
     PAGE_FIXED = 16, /* u32 page, u32 pages, u64 entries in all pages */
     ENTRY_SIZE = 40,

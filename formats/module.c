@@ -15,6 +15,8 @@ static struct module {
     {"image", "OpenImageIO", NULL},
     {"exr", "OpenEXR", NULL},
     {"mend", "CGAL", NULL},
+    {"zstd", "libzstd", NULL},
+    {"meshopt", "meshoptimizer", NULL},
 };
 static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
 

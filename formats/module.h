@@ -105,6 +105,29 @@ typedef struct pbs_module_mend {
     pbs_code (*mend)(pbs_run *run, pbs_mend_job *job, pbs_err *err);
 } pbs_module_mend;
 
+/* zstd.so: libzstd. Sizes are checked by the caller. Thread-safe. */
+typedef struct pbs_module_zstd {
+    int abi;
+    size_t (*bound)(size_t n); /* bytes that packing n may take */
+    /* Returns the packed size, or 0 if the machine has no memory left. */
+    size_t (*pack)(void *to, size_t room, const void *from, size_t n, int level);
+    /* Bytes that were packed; UINT64_MAX: this is no frame, or it does not say. */
+    uint64_t (*content)(const void *from, size_t size);
+    /* False: it is damaged, or not a packing of n bytes. */
+    bool (*unpack)(void *to, size_t n, const void *from, size_t size);
+} pbs_module_zstd;
+
+/* meshopt.so: meshoptimizer. Arrays of records of 4, 8, ... 256 bytes, or of u16 indices, which
+ * have stride 2; never empty. Thread-safe. */
+typedef struct pbs_module_meshopt {
+    int abi;
+    size_t (*bound)(size_t count, size_t stride); /* bytes that packing may take */
+    pbs_code (*pack)(pbs_run *run, void *to, size_t room, const void *from, size_t count,
+                     size_t stride, size_t *size, pbs_err *err);
+    /* False: it is damaged. */
+    bool (*unpack)(void *to, size_t count, size_t stride, const void *from, size_t size);
+} pbs_module_meshopt;
+
 /* *table points to the module's table, for as long as the program runs. counted: bytes that
  * opening it costs, counted in run. Errors: PBS_IO, "module gltf: not installed ...", PBS_LIMIT. */
 pbs_code pbs_module_open(pbs_run *run, const char *name, size_t counted, const void **table,

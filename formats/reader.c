@@ -20,14 +20,19 @@ struct pbs_reader {
     uint32_t chain;
     uint8_t *buffer; /* payload of a piped chunk */
     size_t buffer_cap;
+    uint8_t *unpacked; /* payload of a chunk with a codec */
+    size_t unpacked_cap;
     pbs_chunk *entries;
     size_t entry_count;
     bool ended;
 };
 
+static pbs_code bad_at(const pbs_reader *r, uint64_t at, pbs_err *err, const char *what) {
+    return pbs_fail(err, PBS_DATA, "%s: byte %llu: %s", r->in.name, (unsigned long long)at, what);
+}
+
 static pbs_code bad(const pbs_reader *r, pbs_err *err, const char *what) {
-    return pbs_fail(err, PBS_DATA, "%s: byte %llu: %s", r->in.name, (unsigned long long)r->at,
-                    what);
+    return bad_at(r, r->at, err, what);
 }
 
 /* n bytes at r->at: in the map, or read into to. */
@@ -181,49 +186,81 @@ pbs_code pbs_reader_open_path(pbs_run *run, const char *path, uint32_t kinds, pb
 
 /* ---- chunks ---- */
 
-static pbs_code parse_chunk(pbs_reader *r, const uint8_t *h, pbs_chunk *c, pbs_err *err) {
+/* at: where a message says that the header ends. */
+static pbs_code parse_chunk(const pbs_reader *r, uint64_t at, const uint8_t *h, pbs_chunk *c,
+                            pbs_err *err) {
     if (pbs_crc32c(0, h, CHUNK_SELF_AT) != pbs_get_u32(h + CHUNK_SELF_AT))
-        return bad(r, err, "a chunk's header is damaged: its checksum differs");
+        return bad_at(r, at, err, "a chunk's header is damaged: its checksum differs");
     c->tag = pbs_get_u32(h + CHUNK_TAG_AT);
-    c->flags = pbs_get_u32(h + CHUNK_FLAGS_AT);
+    uint32_t flags = pbs_get_u32(h + CHUNK_FLAGS_AT), codec = flags & PBS_CODEC_MASK;
+    c->flags = flags & ~PBS_CODEC_MASK;
+    c->codec = (pbs_codec)codec;
     c->node = pbs_get_u32(h + CHUNK_NODE_AT);
     c->count = pbs_get_u32(h + CHUNK_COUNT_AT);
-    c->bytes = pbs_get_u64(h + CHUNK_BYTES_AT);
+    c->stored = pbs_get_u64(h + CHUNK_BYTES_AT);
+    c->bytes = pbs_get_u64(h + CHUNK_RAW_AT);
     c->crc = pbs_get_u32(h + CHUNK_CRC_AT);
     c->first = pbs_get_u32(h + CHUNK_FIRST_AT);
     char tag[5];
-    if (c->bytes > PBS_PAYLOAD_MAX) return bad(r, err, "a chunk is larger than the format allows");
-    if (c->flags & 0xff)
+    if (c->stored > PBS_PAYLOAD_MAX || c->bytes > PBS_PAYLOAD_MAX)
+        return bad_at(r, at, err, "a chunk is larger than the format allows");
+    bool may = codec < PBS_CODECS && r->kind == PBS_ARCHIVE && pbs_codec_fits(c->tag);
+    if (codec && !may)
         return pbs_fail(err, PBS_DATA, "%s: chunk %s: codec %u is not known", r->in.name,
-                        pbs_tag_text(c->tag, tag), c->flags & 0xff);
+                        pbs_tag_text(c->tag, tag), codec);
+    if (codec ? !c->bytes : c->bytes != c->stored)
+        return bad_at(r, at, err, "a chunk whose two sizes do not agree");
     return PBS_OK;
 }
 
-static pbs_code make_buffer(pbs_reader *r, size_t n, pbs_err *err) {
-    if (n <= r->buffer_cap && r->buffer) return PBS_OK;
-    pbs_free(r->run, r->buffer);
-    r->buffer = NULL;
-    size_t cap = r->buffer_cap * 2 > n && r->buffer_cap * 2 <= pbs_mem_left(r->run) / 8
-                     ? r->buffer_cap * 2
-                     : n;
-    r->buffer_cap = 0;
-    pbs_code rc = pbs_alloc(r->run, &r->buffer, cap, 1, "a chunk's buffer", err);
-    if (!rc) r->buffer_cap = cap;
+/* Bytes that the payload takes in the file, with the zeros behind it. */
+static size_t stored_room(const pbs_chunk *c) {
+    return (size_t)(c->stored + pbs_padding(c->stored, PBS_ALIGN));
+}
+
+/* p: the payload as it is stored, and the zeros behind it. */
+static pbs_code take_payload(const pbs_reader *r, pbs_chunk *c, const uint8_t *p, pbs_err *err) {
+    char tag[5];
+    c->payload = c->stored ? p : NULL;
+    if (pbs_crc32c(0, p, (size_t)c->stored) == c->crc &&
+        all_zero(p + c->stored, stored_room(c) - c->stored))
+        return PBS_OK;
+    return pbs_fail(err, PBS_DATA, "%s: byte %llu: chunk %s is damaged: its checksum differs",
+                    r->in.name, (unsigned long long)c->offset, pbs_tag_text(c->tag, tag));
+}
+
+/* Puts the unpacked payload to `to` in the place of the stored one. */
+static pbs_code unpack(const pbs_reader *r, pbs_chunk *c, void *to, pbs_err *err) {
+    char tag[5];
+    pbs_code rc = pbs_codec_unpack(r->run, c->codec, c->tag, c->count, c->payload,
+                                   (size_t)c->stored, to, (size_t)c->bytes, err);
+    c->payload = to;
+    return rc ? pbs_fail_in(err, "%s: byte %llu: chunk %s", r->in.name,
+                            (unsigned long long)c->offset, pbs_tag_text(c->tag, tag))
+              : PBS_OK;
+}
+
+/* Room for n bytes, of which none are kept. */
+static pbs_code make_room(pbs_reader *r, uint8_t **buffer, size_t *cap, size_t n, pbs_err *err) {
+    if (*buffer && n <= *cap) return PBS_OK;
+    size_t room = *cap * 2 > n && *cap * 2 <= pbs_mem_left(r->run) / 8 ? *cap * 2 : n;
+    pbs_free(r->run, *buffer);
+    *buffer = NULL;
+    *cap = 0;
+    pbs_code rc = pbs_alloc(r->run, buffer, room, 1, "a chunk's buffer", err);
+    if (!rc) *cap = room;
     return rc;
 }
 
 static pbs_code fetch_payload(pbs_reader *r, pbs_chunk *c, pbs_err *err) {
-    size_t n = (size_t)(c->bytes + pbs_padding(c->bytes, PBS_ALIGN));
     const uint8_t *p;
-    pbs_code rc = r->in.fd >= 0 ? make_buffer(r, n, err) : PBS_OK;
-    if (!rc) rc = fetch(r, r->buffer, n, &p, err);
-    if (rc) return rc;
-    c->payload = c->bytes ? p : NULL;
-    char tag[5];
-    if (pbs_crc32c(0, p, (size_t)c->bytes) != c->crc || !all_zero(p + c->bytes, n - c->bytes))
-        return pbs_fail(err, PBS_DATA, "%s: byte %llu: chunk %s is damaged: its checksum differs",
-                        r->in.name, (unsigned long long)c->offset, pbs_tag_text(c->tag, tag));
-    return PBS_OK;
+    pbs_code rc = PBS_OK;
+    if (r->in.fd >= 0) rc = make_room(r, &r->buffer, &r->buffer_cap, stored_room(c), err);
+    if (!rc) rc = fetch(r, r->buffer, stored_room(c), &p, err);
+    if (!rc) rc = take_payload(r, c, p, err);
+    if (rc || !c->codec) return rc;
+    rc = make_room(r, &r->unpacked, &r->unpacked_cap, (size_t)c->bytes, err);
+    return rc ? rc : unpack(r, c, r->unpacked, err);
 }
 
 static pbs_code note_page(pbs_reader *r, const pbs_chunk *c, pbs_err *err) {
@@ -277,7 +314,7 @@ static pbs_code next_any(pbs_reader *r, pbs_chunk *c, bool *end, pbs_err *err) {
         *end = true;
         return check_footer(r, h, err);
     }
-    if ((rc = parse_chunk(r, h, c, err))) return rc;
+    if ((rc = parse_chunk(r, r->at, h, c, err))) return rc;
     bool page = c->tag == PBS_TAG_DIR;
     if (pbs_get_u32(h + CHUNK_SEQUENCE_AT) != (uint32_t)(page ? r->pages : r->chunks))
         return bad(r, err, "a chunk is missing or doubled");
@@ -317,7 +354,7 @@ static pbs_code read_page(pbs_reader *r, uint64_t page, uint64_t total, pbs_err 
     const uint8_t *h;
     c.offset = r->at;
     pbs_code rc = fetch(r, fixed, CHUNK_FIXED, &h, err);
-    if (!rc) rc = parse_chunk(r, h, &c, err);
+    if (!rc) rc = parse_chunk(r, r->at, h, &c, err);
     if (!rc) rc = fetch_payload(r, &c, err);
     if (rc) return rc;
     const uint8_t *p = c.payload;
@@ -327,12 +364,15 @@ static pbs_code read_page(pbs_reader *r, uint64_t page, uint64_t total, pbs_err 
         return bad(r, err, "the directory is damaged");
     for (uint32_t i = 0; i < c.count; i++) {
         const uint8_t *e = p + PAGE_FIXED + (size_t)i * ENTRY_SIZE;
+        uint32_t flags = pbs_get_u32(e + ENTRY_FLAGS_AT);
         r->entries[r->entry_count++] = (pbs_chunk){.tag = pbs_get_u32(e + ENTRY_TAG_AT),
-                                                   .flags = pbs_get_u32(e + ENTRY_FLAGS_AT),
+                                                   .flags = flags & ~PBS_CODEC_MASK,
+                                                   .codec = (pbs_codec)(flags & PBS_CODEC_MASK),
                                                    .node = pbs_get_u32(e + ENTRY_NODE_AT),
                                                    .count = pbs_get_u32(e + ENTRY_COUNT_AT),
                                                    .offset = pbs_get_u64(e + ENTRY_OFFSET_AT),
                                                    .bytes = pbs_get_u64(e + ENTRY_BYTES_AT),
+                                                   .stored = pbs_get_u64(e + ENTRY_BYTES_AT),
                                                    .crc = pbs_get_u32(e + ENTRY_CRC_AT),
                                                    .first = pbs_get_u32(e + ENTRY_FIRST_AT)};
     }
@@ -381,27 +421,53 @@ pbs_code pbs_reader_directory(pbs_reader *r, const pbs_chunk **entries, size_t *
 const void *pbs_reader_peek(const pbs_reader *r, const pbs_chunk *e) {
     if (!r->in.mapped || e->offset % PBS_ALIGN || e->offset > r->in.size) return NULL;
     uint64_t left = r->in.size - e->offset;
-    return left < CHUNK_FIXED || e->bytes > left - CHUNK_FIXED
+    return left < CHUNK_FIXED || e->stored > left - CHUNK_FIXED || e->codec
                ? NULL
                : r->in.bytes + e->offset + CHUNK_FIXED;
 }
 
-pbs_code pbs_reader_at(pbs_reader *r, const pbs_chunk *entry, pbs_chunk *c, pbs_err *err) {
+pbs_code pbs_reader_look(const pbs_reader *r, const pbs_chunk *entry, pbs_chunk *c, pbs_err *err) {
+    const pbs_input *in = &r->in;
+    c->offset = entry->offset;
+    if (!in->mapped) return pbs_fail(err, PBS_INTERNAL, "%s: is not mapped", in->name);
+    if (entry->offset % PBS_ALIGN)
+        return bad_at(r, entry->offset, err, "a chunk that is not aligned");
+    if (entry->offset > in->size || in->size - entry->offset < CHUNK_FIXED)
+        return bad_at(r, entry->offset, err, "the file is cut off here");
+    uint64_t at = entry->offset + CHUNK_FIXED;
+    pbs_code rc = parse_chunk(r, at, in->bytes + entry->offset, c, err);
+    if (rc) return rc;
+    if (c->tag != entry->tag || c->flags != entry->flags || c->node != entry->node ||
+        c->count != entry->count || c->stored != entry->stored || c->crc != entry->crc ||
+        c->first != entry->first || c->codec != entry->codec)
+        return bad_at(r, at, err, "a chunk is not what the directory says");
+    if (in->size - at < stored_room(c)) return bad_at(r, at, err, "the file is cut off here");
+    c->payload = c->stored ? in->bytes + at : NULL;
+    return PBS_OK;
+}
+
+pbs_code pbs_reader_at(const pbs_reader *r, const pbs_chunk *entry, pbs_chunk *c, pbs_err *err) {
+    pbs_code rc = pbs_reader_look(r, entry, c, err);
+    if (!rc && c->codec)
+        rc = pbs_fail(err, PBS_INTERNAL, "%s: a chunk with a codec is read as if it had none",
+                      r->in.name);
+    return rc ? rc : take_payload(r, c, r->in.bytes + c->offset + CHUNK_FIXED, err);
+}
+
+pbs_code pbs_reader_load(const pbs_reader *r, const pbs_chunk *entry, pbs_chunk *c, void **own,
+                         pbs_err *err) {
+    *own = NULL;
+    pbs_code rc = pbs_reader_look(r, entry, c, err);
+    if (!rc) rc = take_payload(r, c, r->in.bytes + c->offset + CHUNK_FIXED, err);
+    if (rc || !c->codec) return rc;
+    rc = pbs_alloc(r->run, own, (size_t)c->bytes, 1, "an unpacked chunk", err);
+    return rc ? rc : unpack(r, c, *own, err);
+}
+
+pbs_code pbs_reader_read(pbs_reader *r, const pbs_chunk *entry, pbs_chunk *c, pbs_err *err) {
     uint64_t at = r->at;
-    uint8_t fixed[CHUNK_FIXED];
-    const uint8_t *h;
-    r->at = c->offset = entry->offset;
-    if (entry->offset % PBS_ALIGN) {
-        pbs_code rc = bad(r, err, "a chunk that is not aligned");
-        r->at = at;
-        return rc;
-    }
-    pbs_code rc = fetch(r, fixed, CHUNK_FIXED, &h, err);
-    if (!rc) rc = parse_chunk(r, h, c, err);
-    if (!rc && (c->tag != entry->tag || c->flags != entry->flags || c->node != entry->node ||
-                c->count != entry->count || c->bytes != entry->bytes || c->crc != entry->crc ||
-                c->first != entry->first))
-        rc = bad(r, err, "a chunk is not what the directory says");
+    pbs_code rc = pbs_reader_look(r, entry, c, err);
+    r->at = entry->offset + CHUNK_FIXED;
     if (!rc) rc = fetch_payload(r, c, err);
     r->at = at;
     return rc;
@@ -432,6 +498,7 @@ void pbs_reader_close(pbs_reader *r) {
     free(r->text);
     free(r->history);
     pbs_free(r->run, r->buffer);
+    pbs_free(r->run, r->unpacked);
     pbs_free(r->run, r->entries);
     free(r);
 }

@@ -402,7 +402,7 @@ static pbs_code list_node(reading *d, list *l, size_t first, size_t at, pbs_err 
     listed *n = rc ? NULL : &l->node[l->count];
     if (rc) return rc;
     *n = (listed){.first = first, .end = at + 1};
-    if (voxels) rc = pbs_reader_at(d->r, &l->entry[at], &c, err);
+    if (voxels) rc = pbs_reader_read(d->r, &l->entry[at], &c, err);
     if (!rc && voxels) rc = pbs_node_read(d->run, d->file, &c, (uint32_t)l->count, &node, err);
     if (!rc && voxels) {
         memcpy(n->origin, node.origin, sizeof n->origin);
@@ -424,7 +424,7 @@ static pbs_code place_nodes(reading *d, list *l, pbs_err *err) {
     if (first == l->node + l->count) return PBS_OK;
     size_t i = first->first;
     while (l->entry[i].tag != PBS_TAG_VOXELS) i++;
-    pbs_code rc = pbs_reader_at(d->r, &l->entry[i], &c, err);
+    pbs_code rc = pbs_reader_read(d->r, &l->entry[i], &c, err);
     if (!rc) rc = pbs_voxels_view(d->file, d->channels, &c, c.first, &place, &v, err);
     if (rc) return rc;
     double finest = ldexp(first->lattice, -(int)place.level), side = finest * PBS_CHUNK;
@@ -475,7 +475,7 @@ static pbs_code make_list(reading *d, list *l, pbs_err *err) {
 static pbs_code take_entry(reading *d, const pbs_chunk *entry, pbs_err *err) {
     pbs_chunk c;
     pbs_code rc = pbs_run_check(d->run, err);
-    if (!rc) rc = pbs_reader_at(d->r, entry, &c, err);
+    if (!rc) rc = pbs_reader_read(d->r, entry, &c, err);
     return rc ? rc : take_chunk(d, &c, err);
 }
 

@@ -15,10 +15,11 @@ struct pbs_writer {
     size_t dir_bytes, dir_cap;
     uint64_t chunks, front, front_at;
     uint32_t chain;
+    pbs_codec codec;
 };
 
 const char *const pbs_kind_name[PBS_KINDS] = {"scene", "candidates", "surfels", "voxels",
-                                              "lods",  "points",     "archive"};
+                                              "archive"};
 
 const char *pbs_tag_text(uint32_t tag, char out[5]) {
     for (int i = 0; i < 4; i++) {
@@ -104,6 +105,7 @@ pbs_code pbs_writer_open(pbs_run *run, const pbs_writer_desc *d, pbs_writer **ou
     if (!w) return pbs_fail(err, PBS_LIMIT, "no memory");
     w->run = run;
     w->front = d->front;
+    w->codec = d->kind == PBS_ARCHIVE ? d->codec : PBS_CODEC_NONE;
     w->out.fd = w->target.fd = -1;
     pbs_code rc = open_output(w, d, err);
     if (!rc) rc = write_header(w, d, err);
@@ -118,10 +120,10 @@ pbs_code pbs_writer_open(pbs_run *run, const pbs_writer_desc *d, pbs_writer **ou
 static void chunk_header(uint8_t h[CHUNK_FIXED], const pbs_chunk *c, uint64_t sequence) {
     memset(h, 0, CHUNK_FIXED);
     pbs_put_u32(h + CHUNK_TAG_AT, c->tag);
-    pbs_put_u32(h + CHUNK_FLAGS_AT, c->flags);
+    pbs_put_u32(h + CHUNK_FLAGS_AT, c->flags | c->codec);
     pbs_put_u32(h + CHUNK_NODE_AT, c->node);
     pbs_put_u32(h + CHUNK_COUNT_AT, c->count);
-    pbs_put_u64(h + CHUNK_BYTES_AT, c->bytes);
+    pbs_put_u64(h + CHUNK_BYTES_AT, c->stored);
     pbs_put_u64(h + CHUNK_RAW_AT, c->bytes);
     pbs_put_u32(h + CHUNK_CRC_AT, c->crc);
     pbs_put_u32(h + CHUNK_FIRST_AT, c->first);
@@ -135,11 +137,11 @@ static pbs_code add_entry(pbs_writer *w, const pbs_chunk *c, pbs_err *err) {
     if (rc) return rc;
     uint8_t *e = w->dir + w->dir_bytes;
     pbs_put_u32(e + ENTRY_TAG_AT, c->tag);
-    pbs_put_u32(e + ENTRY_FLAGS_AT, c->flags);
+    pbs_put_u32(e + ENTRY_FLAGS_AT, c->flags | c->codec);
     pbs_put_u32(e + ENTRY_NODE_AT, c->node);
     pbs_put_u32(e + ENTRY_COUNT_AT, c->count);
     pbs_put_u64(e + ENTRY_OFFSET_AT, c->offset);
-    pbs_put_u64(e + ENTRY_BYTES_AT, c->bytes);
+    pbs_put_u64(e + ENTRY_BYTES_AT, c->stored);
     pbs_put_u32(e + ENTRY_CRC_AT, c->crc);
     pbs_put_u32(e + ENTRY_FIRST_AT, c->first);
     w->dir_bytes += ENTRY_SIZE;
@@ -162,7 +164,40 @@ static pbs_code put_chunk(pbs_writer *w, pbs_chunk *c, const pbs_piece *piece, i
     if (!rc) rc = pbs_output_write(&w->out, h, sizeof h, err);
     for (int i = 0; i < pieces && !rc; i++)
         rc = pbs_output_write(&w->out, piece[i].bytes, piece[i].size, err);
-    return rc ? rc : put_zeros(w, pbs_padding(c->bytes, PBS_ALIGN), err);
+    return rc ? rc : put_zeros(w, pbs_padding(c->stored, PBS_ALIGN), err);
+}
+
+/* In one piece, for a codec; bytes is what they have together. */
+static pbs_code join(pbs_run *run, const pbs_piece *piece, int pieces, uint64_t bytes,
+                     uint8_t **out, pbs_err *err) {
+    pbs_code rc = pbs_alloc(run, out, (size_t)bytes, 1, "a chunk to be packed", err);
+    uint8_t *to = *out;
+    for (int i = 0; i < pieces && !rc; i++) {
+        if (piece[i].size) memcpy(to, piece[i].bytes, piece[i].size);
+        to += piece[i].size;
+    }
+    return rc;
+}
+
+/* *packed: the payload to write instead of the pieces; NULL: they stay as they are. */
+static pbs_code pack(pbs_writer *w, pbs_chunk *c, const pbs_piece *piece, int pieces,
+                     uint8_t **packed, pbs_err *err) {
+    uint8_t *whole = NULL;
+    size_t size;
+    *packed = NULL;
+    c->codec = PBS_CODEC_NONE;
+    c->stored = c->bytes;
+    if (!w->codec || !c->bytes || c->bytes > PBS_PAYLOAD_MAX || !pbs_codec_fits(c->tag))
+        return PBS_OK;
+    pbs_code rc = join(w->run, piece, pieces, c->bytes, &whole, err);
+    if (!rc)
+        rc = pbs_codec_pack(w->run, w->codec, c->tag, c->count, whole, (size_t)c->bytes, packed,
+                            &size, err);
+    pbs_free(w->run, whole);
+    if (rc || !*packed) return rc;
+    c->codec = w->codec;
+    c->stored = size;
+    return PBS_OK;
 }
 
 pbs_code pbs_writer_chunk(pbs_writer *w, const pbs_chunk *chunk, const pbs_piece *piece, int pieces,
@@ -171,14 +206,23 @@ pbs_code pbs_writer_chunk(pbs_writer *w, const pbs_chunk *chunk, const pbs_piece
     c.bytes = c.crc = 0;
     for (int i = 0; i < pieces; i++) {
         c.bytes += piece[i].size;
-        c.crc = pbs_crc32c(c.crc, piece[i].bytes, piece[i].size);
     }
-    return put_chunk(w, &c, piece, pieces, err);
+    uint8_t *packed;
+    pbs_code rc = pack(w, &c, piece, pieces, &packed, err);
+    pbs_piece one = {packed, (size_t)c.stored};
+    if (packed) piece = &one, pieces = 1;
+    for (int i = 0; i < pieces && !rc; i++)
+        c.crc = pbs_crc32c(c.crc, piece[i].bytes, piece[i].size);
+    if (!rc) rc = put_chunk(w, &c, piece, pieces, err);
+    pbs_free(w->run, packed);
+    return rc;
 }
 
 pbs_code pbs_writer_pass(pbs_writer *w, const pbs_chunk *chunk, pbs_err *err) {
     pbs_chunk c = *chunk;
     pbs_piece piece = {c.payload, (size_t)c.bytes};
+    if (w->codec || c.codec) return pbs_writer_chunk(w, &c, &piece, 1, err);
+    c.stored = c.bytes;
     return put_chunk(w, &c, &piece, 1, err);
 }
 
@@ -198,6 +242,7 @@ static size_t make_page(const pbs_writer *w, uint64_t page, uint64_t pages, uint
                    .count = (uint32_t)n,
                    .first = (uint32_t)first,
                    .bytes = PAGE_FIXED + n * ENTRY_SIZE};
+    c.stored = c.bytes;
     c.crc = pbs_crc32c(0, p, (size_t)c.bytes);
     chunk_header(buf, &c, page);
     return size;

@@ -16,14 +16,26 @@ static pbs_code open_scene(pbs_show *s, const char *path, pbs_err *err) {
     return pbs_scene_images(&s->scene, &s->images, err);
 }
 
+static pbs_code open_archive(pbs_show *s, const char *path, pbs_err *err) {
+    pbs_archive *a = &s->archive;
+    pbs_code rc = pbs_archive_open(s->run, path, a, err);
+    if (rc) return rc;
+    s->box = a->nodes[a->node_count - 1].box;
+    rc = pbs_alloc(s->run, &s->data, a->node_count, sizeof *s->data, "the nodes", err);
+    if (!rc) memset(s->data, 0, a->node_count * sizeof *s->data);
+    for (size_t i = 0; i < a->node_count && !rc; i++) {
+        rc = pbs_run_check(s->run, err);
+        if (!rc) rc = pbs_archive_load_node(a, (uint32_t)i, &s->data[i], err);
+    }
+    return rc;
+}
+
 pbs_code pbs_show_open(pbs_run *run, const pbs_show_options *o, const char *path, pbs_show *s,
                        pbs_err *err) {
     memset(s, 0, sizeof *s);
     s->run = run;
     s->options = o;
-    pbs_code rc =
-        o->geometry ? open_scene(s, path, err) : pbs_archive_open(run, path, &s->archive, err);
-    if (!rc && !o->geometry) s->box = s->archive.nodes[s->archive.node_count - 1].box;
+    pbs_code rc = o->geometry ? open_scene(s, path, err) : open_archive(s, path, err);
     if (!rc) {
         pbs_camera_desc d = {.aspect = (double)o->width / (double)o->height};
         d.up[o->up] = 1;
@@ -62,8 +74,9 @@ static pbs_code add_task(cut *c, uint32_t node, bool drawn, const double m[12], 
     return PBS_OK;
 }
 
-static pbs_spacings spacings_of(const pbs_archive *a, const pbs_node *n) {
-    return (pbs_spacings){a->records[n->id] + pbs_record_at(&a->record, PBS_SPACING),
+static pbs_spacings spacings_of(const pbs_show *s, const pbs_node *n) {
+    const pbs_archive *a = &s->archive;
+    return (pbs_spacings){s->data[n->id].records + pbs_record_at(&a->record, PBS_SPACING),
                           a->record.stride,
                           (uint32_t)n->records,
                           65535 * n->lattice,
@@ -75,7 +88,7 @@ static pbs_spacings spacings_of(const pbs_archive *a, const pbs_node *n) {
  * large as the camera allows and the prefix is what closes the surface then (paper 1, 4.1). */
 static void choose(const cut *c, const pbs_node *n, const double m[12], pbs_surfels *out) {
     const pbs_show_options *o = c->show->options;
-    pbs_spacings s = spacings_of(&c->show->archive, n);
+    pbs_spacings s = spacings_of(c->show, n);
     if (o->prefix) {
         out->prefix = o->prefix < s.count ? (uint32_t)o->prefix : s.count;
     } else {
@@ -95,7 +108,7 @@ static void choose_adding(const cut *c, const pbs_node *n, const double m[12], p
                           bool *finer) {
     const pbs_show_options *o = c->show->options;
     const pbs_show_view *v = c->view;
-    pbs_spacings s = spacings_of(&c->show->archive, n);
+    pbs_spacings s = spacings_of(c->show, n);
     double depth = pbs_cut_depth(&v->camera, c->aspect, &n->box, m);
     double wanted = pbs_cut_wanted(&v->camera, v->height, depth, v->surfel_size, m);
     out->prefix = o->prefix ? (o->prefix < s.count ? (uint32_t)o->prefix : s.count)
@@ -113,11 +126,11 @@ static pbs_code add_surfels(cut *c, uint32_t id, const double m[12], bool *finer
                            "the list of what is drawn", err);
     if (rc) return rc;
     pbs_surfels *d = &s->list[c->count++];
-    *d = (pbs_surfels){.records = a->records[id],
+    *d = (pbs_surfels){.records = s->data[id].records,
                        .stride = a->record.stride,
                        .channels = a->record.channels,
                        .whole = (uint32_t)n->records,
-                       .octaves = a->octaves[id],
+                       .octaves = s->data[id].octaves,
                        .step = n->lattice};
     for (int k = 0; k < 3; k++) d->corner[k] = n->origin[k] + n->lattice_min[k];
     memcpy(d->m, m, sizeof d->m);
@@ -132,11 +145,8 @@ static pbs_code add_surfels(cut *c, uint32_t id, const double m[12], bool *finer
 
 /* Children in the place of their parent: all of them or none, so that nothing is missing. */
 static bool has_finer(const pbs_archive *a, const pbs_node *n) {
-    for (uint32_t i = 0; i < n->child_count; i++) {
-        size_t chunks;
-        pbs_archive_voxels(a, n->children[i].node, &chunks);
-        if (!chunks) return false;
-    }
+    for (uint32_t i = 0; i < n->child_count; i++)
+        if (!pbs_archive_has(a, n->children[i].node, PBS_SORT_VOXELS)) return false;
     return n->child_count != 0;
 }
 
@@ -155,7 +165,8 @@ static pbs_code visit_voxels(cut *c, const pbs_node *n, const double m[12], bool
                            "the list of what is drawn", err);
     if (rc) return rc;
     pbs_cubes *d = &s->cubes[c->cubes++];
-    d->chunks = pbs_archive_voxels(&s->archive, n->id, &d->chunk_count);
+    d->chunks = &s->data[n->id].voxels;
+    d->chunk_count = 1;
     memcpy(d->corner, n->origin, sizeof d->corner);
     d->side = n->lattice;
     memcpy(d->m, m, sizeof d->m);
@@ -176,11 +187,11 @@ static pbs_code visit(void *ctx, uint32_t id, const double m[12], uint32_t flags
         *descend = !moves && a->moving[id];
         return moves ? add_task(c, id, false, placed, err) : PBS_OK;
     }
-    size_t chunks;
-    pbs_archive_voxels(a, id, &chunks);
-    if (chunks) return visit_voxels(c, &a->nodes[id], placed, descend, err);
-    *descend = !a->records[id] && a->placings[id];
-    if (!a->records[id]) return PBS_OK;
+    bool points = pbs_archive_has(a, id, PBS_SORT_POINTS);
+    if (pbs_archive_has(a, id, PBS_SORT_VOXELS))
+        return visit_voxels(c, &a->nodes[id], placed, descend, err);
+    *descend = !points && a->placings[id];
+    if (!points) return PBS_OK;
     bool finer = false;
     pbs_code rc = add_surfels(c, id, placed, &finer, err);
     if (finer) *descend = true;
@@ -233,6 +244,9 @@ void pbs_show_close(pbs_show *s) {
     pbs_free(run, s->flat.draws);
     pbs_free(run, s->list);
     pbs_free(run, s->cubes);
+    for (size_t i = 0; s->data && i < s->archive.node_count; i++)
+        pbs_node_data_free(&s->archive, &s->data[i]);
+    pbs_free(run, s->data);
     if (s->scene.run) pbs_scene_close(&s->scene);
     if (s->archive.run) pbs_archive_close(&s->archive);
     memset(s, 0, sizeof *s);

@@ -21,7 +21,8 @@ typedef struct pbs_show {
     pbs_camera camera; /* the one asked for, or all in view */
     pbs_box box;       /* of everything, world coordinates */
     pbs_archive archive;
-    pbs_scene scene; /* with --geometry */
+    pbs_node_data *data; /* of all its nodes */
+    pbs_scene scene;     /* with --geometry */
     pbs_flat flat;
     pbs_image *images;
     /* of the last draw */

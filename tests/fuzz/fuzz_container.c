@@ -20,9 +20,36 @@ static uint32_t use_voxels(const pbs_voxels *v, uint32_t sum) {
     return sum;
 }
 
+static uint32_t use_mesh(const pbs_mesh *m, uint32_t sum) {
+    for (size_t i = 0; i < 3 * (size_t)m->triangles; i++)
+        sum = pbs_crc32c(sum, m->position + 3 * (size_t)m->index[i], 12);
+    return m->uv ? pbs_crc32c(sum, m->uv, 8 * (size_t)m->vertices) : sum;
+}
+
+static uint32_t use_node(const pbs_archive *a, uint32_t i, uint32_t sum) {
+    pbs_node_data d;
+    pbs_err err;
+    bool verified;
+    uint64_t n = a->nodes[i].records;
+    if (pbs_archive_load_node(a, i, &d, &err)) return sum;
+    sum = use_voxels(&d.voxels, sum);
+    for (size_t k = 0; k < d.face_count; k++) sum ^= d.faces[k];
+    if (d.octaves)
+        sum = pbs_crc32c(sum, d.octaves,
+                         (size_t)pbs_octave_entries(&a->octave, n) * a->octave.stride);
+    if (d.records) {
+        sum = pbs_crc32c(sum, d.records, (size_t)n * a->record.stride);
+        /* Over themselves: the first half again. */
+        if (pbs_archive_prefix(a, i, n / 2, d.records, &verified, &err)) abort();
+    }
+    pbs_node_data_free(a, &d);
+    return sum;
+}
+
 /* What passes must be readable, every byte that the structs promise. */
 static void use_archive(blob b) {
     pbs_archive a;
+    pbs_fetched f;
     pbs_err err;
     char path[40];
     uint32_t sum = 0;
@@ -32,12 +59,12 @@ static void use_archive(blob b) {
     pbs_code rc = pbs_archive_open(&run, path, &a, &err);
     close(fd);
     if (rc) return;
-    for (size_t i = 0; i < a.node_count; i++) {
-        size_t chunks;
-        const pbs_voxels *v = pbs_archive_voxels(&a, (uint32_t)i, &chunks);
-        if (a.records[i])
-            sum ^= pbs_crc32c(sum, a.records[i], (size_t)a.nodes[i].records * a.record.stride);
-        while (chunks--) sum ^= use_voxels(v++, sum);
+    for (uint32_t i = 0; i < a.node_count; i++) sum = use_node(&a, i, sum);
+    for (uint32_t i = 0; i < a.chunk_count; i++) {
+        if (pbs_archive_fetch(&a, i, &f, &err)) continue;
+        if (f.chunk.bytes != pbs_archive_bytes(&a, i)) abort();
+        if (f.chunk.tag == PBS_TAG_MESH) sum = use_mesh(&f.mesh, sum);
+        pbs_archive_release(&a, &f);
     }
     pbs_archive_close(&a);
     if (sum == 1) puts("");
@@ -82,18 +109,24 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     return 0;
 }
 
+static bool write_seed(const char *folder, const char *name, int number, blob b) {
+    char path[4096];
+    snprintf(path, sizeof path, "%s/%s-%d.pbs", folder, name, number);
+    FILE *f = fopen(path, "wb");
+    bool ok = f && fwrite(b.bytes, 1, b.size, f) == b.size;
+    if (f && fclose(f)) ok = false;
+    if (!ok) perror(path);
+    free(b.bytes);
+    return ok;
+}
+
 static int write_seeds(const char *folder) {
-    for (int k = 0; k < SMALL_KINDS; k++) {
-        char path[4096];
-        blob b = small_file(&run, k);
-        snprintf(path, sizeof path, "%s/small-%d.pbs", folder, k);
-        FILE *f = fopen(path, "wb");
-        bool ok = f && fwrite(b.bytes, 1, b.size, f) == b.size;
-        if (f && fclose(f)) ok = false;
-        free(b.bytes);
-        if (!ok) return perror(path), 1;
-    }
-    return 0;
+    bool ok = true;
+    for (int k = 0; k < SMALL_KINDS; k++)
+        ok = write_seed(folder, "small", k, small_file(&run, k)) && ok;
+    for (int c = 1; c < PBS_CODECS; c++)
+        ok = write_seed(folder, "packed", c, small_mixed(&run, (pbs_codec)c)) && ok;
+    return !ok;
 }
 
 /* Weak: the fuzzer's own comes before it. */

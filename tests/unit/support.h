@@ -6,6 +6,7 @@
 
 #include "formats/check.h"
 #include "formats/layout.h"
+#include "formats/module.h"
 #include "formats/node.h"
 #include "formats/points.h"
 #include "formats/scene.h"
@@ -45,8 +46,8 @@ static __attribute__((noinline, unused)) blob copy_blob(blob b) {
 
 /* ---- writing ---- */
 
-static inline pbs_writer *spool_writer(pbs_run *run, pbs_kind kind, const char *channels,
-                                       uint64_t front) {
+static inline pbs_writer *coded_writer(pbs_run *run, pbs_kind kind, const char *channels,
+                                       uint64_t front, pbs_codec codec) {
     pbs_output spool;
     pbs_err err = {0};
     pbs_writer *w;
@@ -55,10 +56,16 @@ static inline pbs_writer *spool_writer(pbs_run *run, pbs_kind kind, const char *
                          .channels = channels,
                          .history = "stage a test\n",
                          .stage = "test",
-                         .front = front};
+                         .front = front,
+                         .codec = codec};
     must(pbs_output_spool(run, &spool, &err), &err);
     must(pbs_writer_open(run, &d, &w, &err), &err);
     return w;
+}
+
+static inline pbs_writer *spool_writer(pbs_run *run, pbs_kind kind, const char *channels,
+                                       uint64_t front) {
+    return coded_writer(run, kind, channels, front, PBS_CODEC_NONE);
 }
 
 /* Finishes the file and gives its bytes; the writer is closed. */
@@ -246,6 +253,8 @@ static inline blob small_voxels(pbs_run *run, uint32_t channels, bool archive) {
     return b;
 }
 
+#include "tests/unit/mixed.h"
+
 enum {
     SMALL_SCENE,
     SMALL_CANDIDATES,
@@ -253,6 +262,7 @@ enum {
     SMALL_ARCHIVE,
     SMALL_VOXELS,
     SMALL_VOXEL_ARCHIVE,
+    SMALL_MIXED,
     SMALL_KINDS
 };
 static inline blob small_file(pbs_run *run, int which) {
@@ -264,6 +274,8 @@ static inline blob small_file(pbs_run *run, int which) {
         return small_stream(run, PBS_CANDIDATES, some | PBS_EMISSIVE);
     case SMALL_SURFELS:
         return small_stream(run, PBS_SURFELS, some | PBS_SPACING | PBS_MATERIAL);
+    case SMALL_MIXED:
+        return small_mixed(run, PBS_CODEC_NONE);
     case SMALL_VOXELS:
         return small_voxels(run, PBS_POSITION | PBS_NORMAL | PBS_WEIGHT | PBS_COLOUR | PBS_FACE,
                             false);
