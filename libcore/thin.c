@@ -366,37 +366,44 @@ pbs_code PBS_THIN_NAME(pbs_thin_level_run)(pbs_thin *t, const pbs_thin_set *c, i
 
 /* ---- what a level left over ---- */
 
-static void tail_run(pbs_thin *t, const pbs_thin_set *c, const run_of *r, int k, uint32_t *left,
-                     int8_t *level) {
-    uint32_t n = 0;
-    for (uint32_t i = r->first; i < r->end; i++) left[n++] = i;
-    for (int l = k - 1; n && l >= 0; l--) {
-        uint32_t still = 0;
-        float s2 = square_of(l);
-        for (uint32_t a = 0; a < n; a++) {
-            uint32_t i = left[a];
-            float p[3];
-            position_of(c, i, r, p);
-            f8 at[3] = {f8_all(p[0]), f8_all(p[1]), f8_all(p[2])};
-            if (too_near(t, at, s2) < t->near_count) {
-                left[still++] = i;
-                continue;
-            }
-            level[c->id[i]] = (int8_t)l;
-            pbs_thin_put(&t->tail, c->x[i], c->y[i], c->z[i], (uint32_t)l);
-            put_near(t, p[0], p[1], p[2], s2, FIXED);
-            if (t->near_count % 8 == 0) end_near(t);
-        }
-        n = still;
+/* The square of the distance to the nearest that asks for more than that. */
+static inline float nearest(const pbs_thin *t, const f8 at[3]) {
+    f8 far = f8_all(FAR), best = far;
+    for (size_t i = 0; i < t->near_count; i += 8) {
+        f8 d2 = squares(t, i, at);
+        best = f8_min(best, f8_if_less(d2, f8_at(t->near + 3 * t->near_room + i), d2, far));
+    }
+    return f8_least(best);
+}
+
+/* The largest k below `below` with 2^k of at most a distance. */
+static inline int level_of(float square, int below) {
+    uint32_t bits;
+    memcpy(&bits, &square, sizeof bits);
+    int k = ((int)(bits >> 23) - 127) >> 1;
+    k -= k > 11 && square < square_of(k);
+    return k < below ? k : below - 1;
+}
+
+static void tail_run(pbs_thin *t, const pbs_thin_set *c, const run_of *r, int k, int8_t *level) {
+    for (uint32_t i = r->first; i < r->end; i++) {
+        float p[3];
+        position_of(c, i, r, p);
+        f8 at[3] = {f8_all(p[0]), f8_all(p[1]), f8_all(p[2])};
+        int l = level_of(nearest(t, at), k);
+        level[c->id[i]] = (int8_t)l;
+        pbs_thin_put(&t->tail, c->x[i], c->y[i], c->z[i], (uint32_t)l);
+        put_near(t, p[0], p[1], p[2], square_of(l), FIXED);
+        if (t->near_count % 8 == 0) end_near(t);
     }
 }
 
 pbs_code PBS_THIN_NAME(pbs_thin_tail_run)(pbs_thin *t, const pbs_thin_set *kept,
-                                          const pbs_thin_set *rejected, int k, uint32_t *left,
-                                          int8_t *level, pbs_err *err);
+                                          const pbs_thin_set *rejected, int k, int8_t *level,
+                                          pbs_err *err);
 pbs_code PBS_THIN_NAME(pbs_thin_tail_run)(pbs_thin *t, const pbs_thin_set *kept,
-                                          const pbs_thin_set *rejected, int k, uint32_t *left,
-                                          int8_t *level, pbs_err *err) {
+                                          const pbs_thin_set *rejected, int k, int8_t *level,
+                                          pbs_err *err) {
     run_of r = {.shift = k + BLOCK_SHIFT};
     t->tail.count = 0;
     while (r.end < rejected->count) {
@@ -404,7 +411,7 @@ pbs_code PBS_THIN_NAME(pbs_thin_tail_run)(pbs_thin *t, const pbs_thin_set *kept,
         pbs_code rc = gather(t, kept, &r, (int64_t)1 << (k ? k - 1 : 0), err);
         if (rc) return rc;
         uint32_t first = t->tail.count;
-        tail_run(t, rejected, &r, k, left, level);
+        tail_run(t, rejected, &r, k, level);
         pbs_thin_block *b = find(t, r.at[0], r.at[1], r.at[2]);
         b->tail = first, b->tail_count = t->tail.count - first;
     }
@@ -425,7 +432,7 @@ static bool have_avx2(void) {
 pbs_code pbs_thin_level_run_avx2(pbs_thin *t, const pbs_thin_set *c, int k, bool quick,
                                  pbs_thin_set *kept, pbs_thin_set *rejected, pbs_err *err);
 pbs_code pbs_thin_tail_run_avx2(pbs_thin *t, const pbs_thin_set *kept, const pbs_thin_set *rejected,
-                                int k, uint32_t *left, int8_t *level, pbs_err *err);
+                                int k, int8_t *level, pbs_err *err);
 
 pbs_code pbs_thin_set_new(pbs_run *run, size_t room, bool colours, pbs_thin_set *s, pbs_err *err) {
     memset(s, 0, sizeof *s);
@@ -520,12 +527,7 @@ pbs_code pbs_thin_level(pbs_thin *t, const pbs_thin_set *c, int k, bool quick, p
 
 pbs_code pbs_thin_tail(pbs_thin *t, const pbs_thin_set *kept, const pbs_thin_set *rejected, int k,
                        int8_t *level, pbs_err *err) {
-    uint32_t *left;
-    pbs_code rc = pbs_alloc(t->run, &left, rejected->count, sizeof *left, "a level's rest", err);
-    if (rc) return rc;
-    rc = (have_avx2() ? pbs_thin_tail_run_avx2 : pbs_thin_tail_run)(t, kept, rejected, k, left,
-                                                                    level, err);
-    pbs_free(t->run, left);
-    return rc;
+    return (have_avx2() ? pbs_thin_tail_run_avx2 : pbs_thin_tail_run)(t, kept, rejected, k, level,
+                                                                      err);
 }
 #endif

@@ -71,9 +71,10 @@ pbs_code pbs_thin_reserve_fixed(pbs_thin *t, size_t more, pbs_err *err);
 pbs_code pbs_thin_level(pbs_thin *t, const pbs_thin_set *candidates, int k, bool quick,
                         pbs_thin_set *kept, pbs_thin_set *rejected, pbs_err *err);
 
-/* Directly after a level k: gives each of those that it rejected the coarsest below k
- * where it is far enough from all, level[id] = its exponent; distinct points have one of at least
- * 0. Levels are filled from the coarsest down, block by block. Colours stay. */
+/* Directly after a level k: gives each of those that it rejected, one after the other, the coarsest
+ * level below k where it is far enough from all so far, level[id] = its exponent; distinct points
+ * have one of at least 0. So of each level, what is not in it is within its spacing of what is.
+ * Colours stay. */
 pbs_code pbs_thin_tail(pbs_thin *t, const pbs_thin_set *kept, const pbs_thin_set *rejected, int k,
                        int8_t *level, pbs_err *err);
 #endif
