@@ -157,8 +157,8 @@ static pbs_code make_levels(pack *p, pbs_err *err) {
     bool colours = p->points.colours;
     pbs_code rc = pbs_clod_thin(p->run, &store, &p->points.cells, colours, err);
     if (!rc)
-        rc = pbs_clod_thin_upper(p->run, &store, &p->points.cells, top_level(p), colours,
-                                 &p->upper, err);
+        rc = pbs_clod_thin_upper(p->run, &store, &p->points.cells, top_level(p), colours, &p->upper,
+                                 err);
     return rc ? rc : pbs_cloud_tree_new(p->run, &p->points, &p->upper, &p->tree, err);
 }
 

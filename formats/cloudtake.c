@@ -10,10 +10,10 @@
 enum {
     BATCH = 65536, /* so many that the points of a cell are usually many, and 16 bits count them */
     PART = 1024,   /* of it, as numbers of the file */
-    PER_CELL = 4096,       /* points of a surface in a cell of it, or more */
-    LATTICE_BITS = 23,     /* of clouds without a lattice of their own */
-    IN_MEMORY = 32 << 20,  /* bytes of points: more lie in a file */
-    HELD = 32 << 20        /* bytes of pages of files */
+    PER_CELL = 4096,      /* points of a surface in a cell of it, or more */
+    LATTICE_BITS = 23,    /* of clouds without a lattice of their own */
+    IN_MEMORY = 32 << 20, /* bytes of points: more lie in a file */
+    HELD = 32 << 20       /* bytes of pages of files */
 };
 
 /* What the files' numbers become: value * mul + add, in steps. */

@@ -45,8 +45,8 @@ typedef struct pbs_scratch {
     pbs_run *run;
     void *bytes;
     size_t size;
-    bool is_file; /* a map, which may be trimmed; its memory is not counted */
-    int fd;       /* the file; -1: memory */
+    bool is_file;  /* a map, which may be trimmed; its memory is not counted */
+    int fd;        /* the file; -1: memory */
     char name[64]; /* for messages */
 } pbs_scratch;
 

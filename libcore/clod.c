@@ -49,7 +49,8 @@ static pbs_code take_neighbour(const job *j, const pbs_clod_cell *c, const int64
         bool in = true;
         for (int k = 0; k < 3; k++) in = in && o->origin[k] >> c->bits == origin[k] >> c->bits;
         if (!in) break;
-        if (group_of(o) < group_of(c)) rc = pbs_clod_take_border(&w->thin, j->store, o, c, 0, (void *)w->other, err);
+        if (group_of(o) < group_of(c))
+            rc = pbs_clod_take_border(&w->thin, j->store, o, c, 0, (void *)w->other, err);
     }
     return rc;
 }

@@ -3,7 +3,7 @@
 #include "libcore/srgb.h"
 #include <string.h>
 
-enum { DIGIT = 12 };
+enum { DIGIT = 12, FEW = 96, CROWD = 600 };
 
 pbs_code pbs_clod_work_new(pbs_run *run, bool colours, pbs_clod_work *w, pbs_err *err) {
     const char *what = "a cell of points";
@@ -127,19 +127,33 @@ static void take_points(const pbs_clod_cell *c, pbs_clod_work *w) {
     }
 }
 
-/* The first level: one at which a part of the points, but not most of them, has others near. A
- * cell of side 2^(k - 1) keeps one point at most. */
+/* Pairs of points in one block of a level, for each point. */
+static uint64_t crowd(const pbs_clod_work *w, uint32_t n, int k) {
+    const int shift = 16 + 3 * (k + PBS_THIN_BLOCK);
+    uint64_t pairs = 0, first = 0;
+    for (uint64_t i = 1; i <= n; i++) {
+        if (i < n && (w->key[i] ^ w->key[i - 1]) >> shift == 0) continue;
+        pairs += (i - first) * (i - first);
+        first = i;
+    }
+    return pairs / n;
+}
+
+/* The first level: the coarsest whose blocks have FEW points in the mean; but where most points are
+ * in few blocks a finer one, since what a block costs grows with the square of its points. */
 static int first_level(const pbs_clod_work *w, uint32_t n, int top) {
-    uint32_t at[17] = {0}, alone = w->kept.count, together = 0;
+    uint32_t at[PBS_CLOD_SIDE + 1] = {0}, blocks = 1; /* of pairs that a level's blocks part */
     for (uint32_t i = 1; i < n; i++) {
         uint64_t differ = (w->key[i] ^ w->key[i - 1]) >> 16;
         if (differ) at[(63 - __builtin_clzll(differ)) / 3]++;
     }
-    for (int k = 1; k < top; k++) {
-        if (k > 1) together += at[k - 2];
-        if (8 * (uint64_t)together >= alone) return k;
+    int k = PBS_CLOD_SIDE - PBS_THIN_BLOCK;
+    for (; k > 1; k--) {
+        blocks += at[k + PBS_THIN_BLOCK];
+        if ((uint64_t)blocks * FEW >= n) break;
     }
-    return top;
+    while (k > 1 && crowd(w, n, k) > CROWD) k--;
+    return k < top ? k : top;
 }
 
 static void drop_fixed(pbs_thin *t, int below) {
@@ -273,8 +287,7 @@ static pbs_code thin_place(const pbs_clod_store *s, pbs_clod_cell *c, pbs_clod_w
             if (i + j == 0) sum[3] = p.colour[3];
             out[j] = p; /* in front of what is still to be read */
         }
-        if (!rc)
-            rc = s->write(s->ctx, pbs_clod_at(c) + i * sizeof *out, n * sizeof *out, out, err);
+        if (!rc) rc = s->write(s->ctx, pbs_clod_at(c) + i * sizeof *out, n * sizeof *out, out, err);
     }
     return rc;
 }
