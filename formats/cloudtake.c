@@ -263,11 +263,12 @@ static pbs_code take_part(const take *t, batch *b, size_t at, size_t n, pbs_err 
     const pbs_cloud_lattice *l = &t->out->lattice;
     const double most = ldexp(1, l->bits + l->shift) - 1;
     bool colours = t->at && b->cloud->colour != PBS_CLOUD_NO_COLOUR;
+    const bool all_finite = !t->bounds[b->cloud - t->clouds].bad;
     pbs_code rc =
         pbs_cloud_read(b->cloud, b->first + at, n, b->value, colours ? b->colour : NULL, err);
     for (size_t i = 0; i < n && !rc; i++) {
         const double *v = b->value[i];
-        if (!finite3(v)) continue;
+        if (!all_finite && !finite3(v)) continue;
         pbs_clod_raw *r = &b->raw[b->taken];
         for (int k = 0; k < 3; k++)
             r->q[k] = quantise(v[k] * m->mul[k] + m->add[k], most, l->shift);

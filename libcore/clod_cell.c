@@ -1,6 +1,7 @@
 /* One cell of a point cloud, thinned from fine to coarse (clod.h). */
 #include "libcore/clod_internal.h"
 #include "libcore/srgb.h"
+#include "libcore/vectors.h"
 #include <string.h>
 
 enum { DIGIT = 12, FEW = 96, CROWD = 600 };
@@ -55,20 +56,23 @@ static inline uint32_t gather3(uint64_t v) {
     return (uint32_t)((v | v >> 16) & 0xffff);
 }
 
+static inline i4 select4i(i4 which, i4 yes, i4 no) {
+    return (yes & which) | (no & ~which);
+}
+
 static void make_keys(pbs_clod_cell *c, pbs_clod_work *w) {
-    uint32_t low[3] = {UINT32_MAX, UINT32_MAX, UINT32_MAX}, high[3] = {0};
+    i4 low = {INT32_MAX, INT32_MAX, INT32_MAX, INT32_MAX}, high = {0};
     for (uint32_t i = 0; i < c->count; i++) {
         const uint32_t *q = w->raw[i].q;
-        for (int k = 0; k < 3; k++) {
-            low[k] = q[k] < low[k] ? q[k] : low[k];
-            high[k] = q[k] > high[k] ? q[k] : high[k];
-        }
+        i4 v = *(const i4_at *)(const void *)&w->raw[i]; /* the fourth is its colour */
+        low = select4i(v < low, v, low);
+        high = select4i(v > high, v, high);
         uint64_t m = spread(q[0] - c->origin[0]) | spread(q[1] - c->origin[1]) << 1 |
                      spread(q[2] - c->origin[2]) << 2;
         w->key[i] = m << 16 | i;
     }
-    memcpy(c->low, low, sizeof low);
-    memcpy(c->high, high, sizeof high);
+    memcpy(c->low, &low, sizeof c->low);
+    memcpy(c->high, &high, sizeof c->high);
 }
 
 /* Least significant digit first. */

@@ -197,8 +197,8 @@ static pbs_code gather_block(pbs_thin *t, const pbs_thin_set *kept, const pbs_th
         pbs_code rc = reserve_near(t, 2 * (t->near_count + n + more), err);
         return rc ? rc : (t->near_count = SIZE_MAX, PBS_OK);
     }
-    take_range(t, w, kept, b->kept, b->kept_count, NULL);
-    take_range(t, w, &t->tail, b->tail, b->tail_count, t->tail.id);
+    if (b->kept_count) take_range(t, w, kept, b->kept, b->kept_count, NULL);
+    if (b->tail_count) take_range(t, w, &t->tail, b->tail, b->tail_count, t->tail.id);
     for (uint32_t i = b->fixed; i; i = t->fixed[i - 1].next) {
         const struct pbs_thin_fixed *f = &t->fixed[i - 1];
         if (t->near_count + more + 16 > t->near_room) {
@@ -294,12 +294,12 @@ static inline void give_colour(const pbs_thin *t, size_t first, f8 d2, float s2,
                                const float *colour, float *sum) {
     unsigned any = f8_less(d2, f8_all(s2));
     if (!any) return;
-    float d[8];
-    f8_put(d, d2);
+    float weight[8];
+    f8_put(weight, f8_sub(f8_all(1), f8_mul(d2, f8_all(1 / s2))));
     for (; any; any &= any - 1) {
         size_t j = (size_t)__builtin_ctz(any);
         uint32_t id = t->near_id[first + j];
-        if (id != FIXED) add_colour(sum + 4 * (size_t)id, colour, 1 - d[j] / s2);
+        if (id != FIXED) add_colour(sum + 4 * (size_t)id, colour, weight[j]);
     }
 }
 
