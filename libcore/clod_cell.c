@@ -4,7 +4,7 @@
 #include "libcore/vectors.h"
 #include <string.h>
 
-enum { DIGIT = 12, FEW = 96, CROWD = 600 };
+enum { DIGIT = 12, FEW = 160, CROWD = 600 };
 
 pbs_code pbs_clod_work_new(pbs_run *run, bool colours, pbs_clod_work *w, pbs_err *err) {
     const char *what = "a cell of points";
@@ -133,10 +133,10 @@ static void take_points(const pbs_clod_cell *c, pbs_clod_work *w) {
 
 /* Pairs of points in one block of a level, for each point. */
 static uint64_t crowd(const pbs_clod_work *w, uint32_t n, int k) {
-    const int shift = 16 + 3 * (k + PBS_THIN_BLOCK);
+    const int shift = 3 * (k + PBS_THIN_BLOCK);
     uint64_t pairs = 0, first = 0;
     for (uint64_t i = 1; i <= n; i++) {
-        if (i < n && (w->key[i] ^ w->key[i - 1]) >> shift == 0) continue;
+        if (i < n && (w->key[i] ^ w->key[i - 1]) >> 16 >> shift == 0) continue;
         pairs += (i - first) * (i - first);
         first = i;
     }

@@ -348,17 +348,29 @@ pbs_code PBS_THIN_NAME(pbs_thin_level_run)(pbs_thin *t, const pbs_thin_set *c, i
 
 /* ---- what a level left over ---- */
 
-/* The square of the distance to the nearest that asks for more than that; on the way, the colour
- * goes to all that stay. */
-static inline float nearest(const pbs_thin *t, const f8 at[3], float s2, const float *colour,
-                            float *sum) {
-    f8 far = f8_all(FAR), best = far;
+typedef struct nearest {
+    float square; /* of the distance to the nearest that asks for more than that */
+    float kept;   /* to the nearest that stays; FAR: none */
+    size_t which; /* that one */
+} nearest;
+
+static inline nearest nearest_of(const pbs_thin *t, const f8 at[3]) {
+    const float *asked = t->near + 3 * t->near_room;
+    f8 far = f8_all(FAR), best = far, kept = far, which = f8_all(0);
+    float d[8], first[8];
     for (size_t i = 0; i < t->near_count; i += 8) {
-        f8 d2 = squares(t, i, at);
-        best = f8_min(best, f8_if_less(d2, f8_at(t->near + 3 * t->near_room + i), d2, far));
-        if (sum) give_colour(t, i, d2, s2, colour, sum);
+        f8 d2 = squares(t, i, at), square = f8_at(asked + i);
+        best = f8_min(best, f8_if_less(d2, square, d2, far));
+        f8 stays = f8_if_less(far, square, d2, far);
+        which = f8_if_less(stays, kept, f8_all((float)i), which);
+        kept = f8_min(kept, stays);
     }
-    return f8_least(best);
+    nearest n = {f8_least(best), FAR, 0};
+    f8_put(d, kept);
+    f8_put(first, which);
+    for (size_t j = 0; j < 8; j++)
+        if (d[j] < n.kept) n.kept = d[j], n.which = (size_t)first[j] + j;
+    return n;
 }
 
 /* The largest k below `below` with 2^k of at most a distance. */
@@ -377,7 +389,11 @@ static void tail_run(pbs_thin *t, const pbs_thin_set *c, const run_of *r, int k,
         float p[3];
         position_of(c, i, r, p);
         f8 at[3] = {f8_all(p[0]), f8_all(p[1]), f8_all(p[2])};
-        int l = level_of(nearest(t, at, s2, sum ? c->sum + 4 * (size_t)i : NULL, sum), k);
+        nearest n = nearest_of(t, at);
+        int l = level_of(n.square, k);
+        if (sum && n.kept < s2)
+            add_colour(sum + 4 * (size_t)t->near_id[n.which], c->sum + 4 * (size_t)i,
+                       1 - n.kept / s2);
         level[c->id[i]] = (int8_t)l;
         pbs_thin_put(&t->tail, c->x[i], c->y[i], c->z[i], (uint32_t)l);
         put_near(t, p[0], p[1], p[2], square_of(l), FIXED);
@@ -395,7 +411,7 @@ pbs_code PBS_THIN_NAME(pbs_thin_tail_run)(pbs_thin *t, pbs_thin_set *kept,
     t->tail.count = 0;
     while (r.end < rejected->count) {
         next_run(rejected, &r);
-        pbs_code rc = gather(t, kept, &r, (int64_t)1 << k, err);
+        pbs_code rc = gather(t, kept, &r, (int64_t)1 << (k ? k - 1 : 0), err);
         if (rc) return rc;
         uint32_t first = t->tail.count;
         tail_run(t, rejected, &r, k, kept->sum, level);

@@ -75,7 +75,8 @@ pbs_code pbs_thin_level(pbs_thin *t, const pbs_thin_set *candidates, int k, bool
 /* Directly after the first level k: gives each of those that it rejected, one after the other, the
  * coarsest level below k where it is far enough from all so far, level[id] = its exponent; distinct
  * points have one of at least 0. So of each level, what is not in it is within its spacing of what
- * is. The kept get their colours, the rejected keep theirs. */
+ * is. A rejected one keeps its colour, and gives it to the nearest that stays within half a
+ * spacing: points are few there, and giving it to all costs as much as everything else. */
 pbs_code pbs_thin_tail(pbs_thin *t, pbs_thin_set *kept, const pbs_thin_set *rejected, int k,
                        int8_t *level, pbs_err *err);
 #endif

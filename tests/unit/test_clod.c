@@ -389,7 +389,9 @@ static void check_colours(bool checker) {
     for (int k = 9; k <= 11; k++) {
         double mean, picked;
         colour_errors(&c, k, &mean, &picked);
-        CHECK_NUM(mean < (checker ? 0.1 : 0.6) * picked, mean / picked);
+        /* The first level that has means gets each colour once, at the nearest. */
+        double most = k == 9 ? (checker ? 0.3 : 0.85) : (checker ? 0.1 : 0.6);
+        CHECK_NUM(mean < most * picked, mean / picked);
     }
     free(c.raw);
     cloud_free(&in);
