@@ -363,7 +363,7 @@ static inline nearest nearest_of(const pbs_thin *t, const f8 at[3]) {
         best = f8_min(best, f8_if_less(d2, square, d2, far));
         f8 stays = f8_if_less(far, square, d2, far);
         which = f8_if_less(stays, kept, f8_all((float)i), which);
-        kept = f8_min(kept, stays);
+        kept = f8_min(stays, kept); /* in this order: behind the last one anything may lie */
     }
     nearest n = {f8_least(best), FAR, 0};
     f8_put(d, kept);
