@@ -29,6 +29,7 @@ struct pbs_cloud {
     pbs_run *run;
     pbs_input in;  /* mapped */
     pbs_input own; /* what was text, as numbers */
+    int fd;        /* of the one with the points; -1: they are read from the map */
     uint64_t count;
     double offset[3], scale[3]; /* finite; scale not 0 */
     bool lattice;               /* values are integers of 32 bits */
@@ -55,14 +56,11 @@ pbs_code pbs_cloud_open_input(pbs_run *run, pbs_input *in, const char *path, pbs
 void pbs_cloud_close(pbs_cloud *c);
 
 /* Points first .. first + n - 1, which must be there. Values may be NaN or infinite. colour NULL,
- * or the cloud has none: not touched. Thread-safe. */
-static inline void pbs_cloud_read(const pbs_cloud *c, uint64_t first, size_t n, double (*value)[3],
-                                  uint16_t (*colour)[3]) {
-    c->decode(c, c->first + first * c->stride, n, value,
-              c->colour == PBS_CLOUD_NO_COLOUR ? NULL : colour);
-}
+ * or the cloud has none: not touched. Thread-safe. Errors: PBS_IO, with the file's name. */
+pbs_code pbs_cloud_read(const pbs_cloud *c, uint64_t first, size_t n, double (*value)[3],
+                        uint16_t (*colour)[3], pbs_err *err);
 
-/* The pages that points are read from may be let go by this. */
+/* The pages that points may be read from are let go by this. */
 static inline void pbs_cloud_trim(const pbs_cloud *c, pbs_trim *t) {
     pbs_trim_add(t, c->in.bytes, (size_t)c->in.size);
     pbs_trim_add(t, c->own.bytes, (size_t)c->own.size);

@@ -204,13 +204,17 @@ static uint64_t take_rest(const pbs_cloud_tree *t, size_t cell, int k, pbs_clod_
 }
 
 /* The points of level k of a cell, in Morton order, relative to it. */
-static uint64_t take_level(const pbs_cloud_tree *t, size_t cell, int k, pbs_clod_point *out) {
+static pbs_code take_level(const pbs_cloud_tree *t, size_t cell, int k, pbs_clod_point *out,
+                           uint64_t *got, pbs_err *err) {
     const pbs_clod_cell *c = &t->points->cells.cell[cell];
-    if (k >= pbs_clod_top(c)) return take_rest(t, cell, k, out);
-    uint64_t first = 0, n = c->level[k + 1];
+    if (k >= pbs_clod_top(c)) {
+        *got = take_rest(t, cell, k, out);
+        return PBS_OK;
+    }
+    uint64_t first = 0, n = *got = c->level[k + 1];
     for (int l = TOP_K; l > k; l--) first += c->level[l + 1];
-    memcpy(out, pbs_clod_points(t->points->raw.bytes, c) + first, (size_t)n * sizeof *out);
-    return n;
+    return pbs_scratch_read(&t->points->raw, pbs_clod_at(c) + first * sizeof *out,
+                            (size_t)n * sizeof *out, out, err);
 }
 
 static void move(pbs_clod_point *p, uint64_t n, const pbs_clod_cell *c, const pbs_cloud_node *to) {
@@ -234,19 +238,20 @@ static void spread(pbs_clod_point *out, const pbs_clod_point *in, uint64_t n) {
     }
 }
 
-void pbs_cloud_tree_points(const pbs_cloud_tree *t, size_t i, pbs_clod_point *out,
-                           pbs_clod_point *scratch) {
+pbs_code pbs_cloud_tree_points(const pbs_cloud_tree *t, size_t i, pbs_clod_point *out,
+                               pbs_clod_point *scratch, pbs_err *err) {
     const pbs_cloud_node *n = &t->node[i];
-    for (int k = n->high; k >= n->low; k--) {
-        uint64_t count = 0;
-        for (size_t c = n->first; c < n->end; c++) {
+    pbs_code rc = PBS_OK;
+    for (int k = n->high; k >= n->low && !rc; k--) {
+        uint64_t count = 0, got = 0;
+        for (size_t c = n->first; c < n->end && !rc; c++, count += got, got = 0) {
             const pbs_clod_cell *cell = &t->points->cells.cell[c];
             if (!t->level[c][k + 1] || (n->bits == cell->bits && goes_up(t, cell, k))) continue;
-            uint64_t got = take_level(t, c, k, scratch + count);
-            move(scratch + count, got, cell, n);
-            count += got;
+            rc = take_level(t, c, k, scratch + count, &got, err);
+            if (!rc) move(scratch + count, got, cell, n);
         }
-        spread(out, scratch, count);
+        if (!rc) spread(out, scratch, count);
         out += count;
     }
+    return rc;
 }

@@ -70,9 +70,9 @@ static pbs_code work_node(void *ctx, void *s, int thread, pbs_err *err) {
         rc = pbs_grow(p->run, &to->scratch, &to->scratch_room, room, sizeof *to->scratch,
                       "a node's points", err);
     if (rc) return rc;
-    pbs_cloud_tree_points(&p->tree, to->node, to->out, to->scratch);
-    pack_records(p, to->out, room);
-    return PBS_OK;
+    rc = pbs_cloud_tree_points(&p->tree, to->node, to->out, to->scratch, err);
+    if (!rc) pack_records(p, to->out, room);
+    return rc;
 }
 
 static pbs_code write_chunks(pack *p, size_t node, uint64_t first, const pbs_clod_point *points,
@@ -95,15 +95,17 @@ static pbs_code write_chunks(pack *p, size_t node, uint64_t first, const pbs_clo
 static pbs_code write_place(pack *p, size_t node, pbs_err *err) {
     const pbs_cloud_node *n = &p->tree.node[node];
     const pbs_clod_cell *c = &p->points.cells.cell[n->first];
-    pbs_clod_point *from = pbs_clod_points(p->points.raw.bytes, c) + (c->count - n->count), *piece;
+    uint64_t from = pbs_clod_at(c) + (c->count - n->count) * sizeof(pbs_clod_point);
+    pbs_clod_point *piece;
     pbs_code rc =
         pbs_alloc(p->run, &piece, PBS_ARCHIVE_CHUNK, sizeof *piece, "a place's points", err);
     for (uint64_t i = 0; i < n->count && !rc; i += PBS_ARCHIVE_CHUNK) {
         uint64_t count = n->count - i < PBS_ARCHIVE_CHUNK ? n->count - i : PBS_ARCHIVE_CHUNK;
-        memcpy(piece, from + i, (size_t)count * sizeof *piece);
+        rc = pbs_scratch_read(&p->points.raw, from + i * sizeof *piece,
+                              (size_t)count * sizeof *piece, piece, err);
+        if (rc) break;
         pack_records(p, piece, (size_t)count);
         rc = write_chunks(p, node, i, piece, count, err);
-        pbs_trim_now(&p->points.trim);
     }
     pbs_free(p->run, piece);
     return rc;
@@ -117,7 +119,6 @@ static pbs_code sink_node(void *ctx, void *s, pbs_err *err) {
                       ? write_place(p, from->node, err)
                       : write_chunks(p, from->node, 0, from->out, n->count, err);
     p->done += n->count;
-    pbs_trim_now(&p->points.trim);
     pbs_run_progress(p->run, "writing", p->done, p->points.count);
     return rc;
 }
@@ -146,22 +147,17 @@ static pbs_code write_points(pack *p, pbs_err *err) {
 
 /* ---- all ---- */
 
-static void trim(void *ctx) {
-    const pack *p = ctx;
-    pbs_trim_now(&p->points.trim);
-}
-
 static int top_level(const pack *p) {
     int bits = p->points.lattice.bits;
     return bits > PBS_CLOD_KEEP ? bits - PBS_CLOD_KEEP : 0;
 }
 
 static pbs_code make_levels(pack *p, pbs_err *err) {
-    pbs_clod_raw *raw = p->points.raw.bytes;
+    const pbs_clod_store store = pbs_cloud_store(&p->points);
     bool colours = p->points.colours;
-    pbs_code rc = pbs_clod_thin(p->run, raw, &p->points.cells, colours, trim, p, err);
+    pbs_code rc = pbs_clod_thin(p->run, &store, &p->points.cells, colours, err);
     if (!rc)
-        rc = pbs_clod_thin_upper(p->run, raw, &p->points.cells, top_level(p), colours, &p->upper,
+        rc = pbs_clod_thin_upper(p->run, &store, &p->points.cells, top_level(p), colours, &p->upper,
                                  err);
     return rc ? rc : pbs_cloud_tree_new(p->run, &p->points, &p->upper, &p->tree, err);
 }

@@ -53,6 +53,9 @@ typedef struct pbs_cloud_points {
     pbs_trim trim;
 } pbs_cloud_points;
 
+/* For clod.h: the points' room. */
+pbs_clod_store pbs_cloud_store(const pbs_cloud_points *p);
+
 /* All points of the clouds, in the order of cells that are fine enough. Zeroed by = {0} before;
  * free it also after an error. */
 pbs_code pbs_cloud_take(pbs_run *run, const pbs_cloud *clouds, size_t count, pbs_cloud_points *p,
@@ -87,6 +90,6 @@ static inline bool pbs_cloud_node_is_place(const pbs_cloud_node *n) {
     return n->bits == 0;
 }
 /* Its points, in their order; out and scratch have room for them. */
-void pbs_cloud_tree_points(const pbs_cloud_tree *t, size_t i, pbs_clod_point *out,
-                           pbs_clod_point *scratch);
+pbs_code pbs_cloud_tree_points(const pbs_cloud_tree *t, size_t i, pbs_clod_point *out,
+                               pbs_clod_point *scratch, pbs_err *err);
 #endif

@@ -8,11 +8,12 @@
 #include <string.h>
 
 enum {
-    BATCH = 8192,
-    PER_CELL = 4096,       /* points of a surface in a cell of it, or more */
-    LATTICE_BITS = 23,     /* of clouds without a lattice of their own */
-    IN_MEMORY = 160 << 20, /* bytes of points: more lie in a file */
-    HELD = 32 << 20        /* bytes of pages of files */
+    BATCH = 65536, /* so many that the points of a cell are usually many, and 16 bits count them */
+    PART = 1024,   /* of it, as numbers of the file */
+    PER_CELL = 4096,      /* points of a surface in a cell of it, or more */
+    LATTICE_BITS = 23,    /* of clouds without a lattice of their own */
+    IN_MEMORY = 32 << 20, /* bytes of points: more lie in a file */
+    HELD = 32 << 20       /* bytes of pages of files */
 };
 
 /* What the files' numbers become: value * mul + add, in steps. */
@@ -32,10 +33,10 @@ typedef struct batch {
     const map *map;
     uint64_t first;
     size_t count, taken;
-    double (*value)[3];
+    double (*value)[3]; /* PART of them */
     uint16_t (*colour)[3];
-    pbs_clod_raw *raw;
-    uint32_t *place;
+    pbs_clod_raw *raw, *sorted;
+    uint64_t *key, *other; /* place in the grid, or cell; and which point it is */
 } batch;
 
 typedef struct take {
@@ -86,16 +87,20 @@ static void add_bounds(bounds *b, const double (*v)[3], const uint16_t (*colour)
 }
 
 static pbs_code measure_batch(void *ctx, size_t i, int thread, pbs_err *err) {
-    (void)err;
     measure *m = ctx;
     batch *b = &m->batches[thread];
     uint64_t first = (uint64_t)i * BATCH;
-    size_t n = m->cloud->count - first < BATCH ? (size_t)(m->cloud->count - first) : BATCH;
+    size_t count = m->cloud->count - first < BATCH ? (size_t)(m->cloud->count - first) : BATCH;
     bool colours = m->cloud->colour == PBS_CLOUD_COLOUR_ANY;
-    pbs_cloud_read(m->cloud, first, n, b->value, colours ? b->colour : NULL);
-    add_bounds(&m->thread[thread], (const double(*)[3])b->value,
-               colours ? (const uint16_t(*)[3])b->colour : NULL, n);
-    return PBS_OK;
+    pbs_code rc = PBS_OK;
+    for (size_t p = 0, n; p < count && !rc; p += n) {
+        n = count - p < PART ? count - p : PART;
+        rc = pbs_cloud_read(m->cloud, first + p, n, b->value, colours ? b->colour : NULL, err);
+        if (!rc)
+            add_bounds(&m->thread[thread], (const double(*)[3])b->value,
+                       colours ? (const uint16_t(*)[3])b->colour : NULL, n);
+    }
+    return rc;
 }
 
 static void merge_bounds(bounds *to, const bounds *b) {
@@ -113,7 +118,7 @@ static const bounds NOTHING = {
 /* In pieces, so that pages of the file can go between them. */
 static pbs_code measure_cloud(take *t, size_t c, batch *batches, pbs_err *err) {
     bounds *own = &t->bounds[c], *threads = t->bounds + t->cloud_count;
-    const size_t piece = 512;
+    const size_t piece = 64;
     pbs_cloud part = t->clouds[c];
     pbs_code rc = PBS_OK;
     *own = NOTHING;
@@ -252,52 +257,82 @@ static inline uint32_t quantise(double v, double most, int shift) {
     return (uint32_t)(int64_t)(v > 0 ? v < most ? v : most : 0) >> shift;
 }
 
-static pbs_code work_batch(void *ctx, void *slot, int thread, pbs_err *err) {
-    (void)thread, (void)err;
-    const take *t = ctx;
-    batch *b = slot;
+/* A part of a batch: numbers to steps, and where they are. */
+static pbs_code take_part(const take *t, batch *b, size_t at, size_t n, pbs_err *err) {
     const map *m = b->map;
     const pbs_cloud_lattice *l = &t->out->lattice;
     const double most = ldexp(1, l->bits + l->shift) - 1;
     bool colours = t->at && b->cloud->colour != PBS_CLOUD_NO_COLOUR;
-    pbs_cloud_read(b->cloud, b->first, b->count, b->value, colours ? b->colour : NULL);
-    b->taken = 0;
-    for (size_t i = 0; i < b->count; i++) {
+    const bool all_finite = !t->bounds[b->cloud - t->clouds].bad;
+    pbs_code rc =
+        pbs_cloud_read(b->cloud, b->first + at, n, b->value, colours ? b->colour : NULL, err);
+    for (size_t i = 0; i < n && !rc; i++) {
         const double *v = b->value[i];
-        if (!finite3(v)) continue;
+        if (!all_finite && !finite3(v)) continue;
         pbs_clod_raw *r = &b->raw[b->taken];
         for (int k = 0; k < 3; k++)
             r->q[k] = quantise(v[k] * m->mul[k] + m->add[k], most, l->shift);
         memset(r->colour, 255, 4);
         for (int k = 0; colours && k < 3; k++)
             r->colour[k] = (uint8_t)(b->colour[i][k] >> m->colour_shift);
-        b->place[b->taken++] = pbs_clod_place(&t->grid, r->q);
+        uint32_t place = pbs_clod_place(&t->grid, r->q);
+        b->key[b->taken] = (uint64_t)(t->at ? t->grid.cell[place] : place) << 16 | b->taken;
+        b->taken++;
     }
+    return rc;
+}
+
+static pbs_code work_batch(void *ctx, void *slot, int thread, pbs_err *err) {
+    (void)thread;
+    const take *t = ctx;
+    batch *b = slot;
+    pbs_code rc = PBS_OK;
+    b->taken = 0;
+    for (size_t i = 0; i < b->count && !rc; i += PART)
+        rc = take_part(t, b, i, b->count - i < PART ? b->count - i : PART, err);
+    if (rc || !t->at) return rc;
+    int bits = 0;
+    while (t->out->cells.count >> bits) bits++;
+    pbs_clod_sort(&b->key, &b->other, (uint32_t)b->taken, bits);
+    for (size_t i = 0; i < b->taken; i++) b->sorted[i] = b->raw[b->key[i] & 0xffff];
     return PBS_OK;
 }
 
+/* The points of one cell after those that it has. */
+static pbs_code put_points(take *t, const batch *b, size_t first, size_t end, pbs_err *err) {
+    uint64_t *at = &t->at[b->key[first] >> 16];
+    pbs_code rc = pbs_scratch_write(&t->out->raw, *at * sizeof *b->sorted,
+                                    (end - first) * sizeof *b->sorted, b->sorted + first, err);
+    *at += end - first;
+    return rc;
+}
+
 static pbs_code sink_batch(void *ctx, void *slot, pbs_err *err) {
-    (void)err;
     take *t = ctx;
     const batch *b = slot;
-    pbs_clod_raw *raw = t->out->raw.bytes;
+    pbs_code rc = PBS_OK;
     if (!t->at)
-        for (size_t i = 0; i < b->taken; i++) t->grid.count[b->place[i]]++;
+        for (size_t i = 0; i < b->taken; i++) t->grid.count[b->key[i] >> 16]++;
     else
-        for (size_t i = 0; i < b->taken; i++) raw[t->at[t->grid.cell[b->place[i]]]++] = b->raw[i];
+        for (size_t i = 0, end; i < b->taken && !rc; i = end) {
+            for (end = i + 1; end < b->taken && b->key[end] >> 16 == b->key[i] >> 16;) end++;
+            rc = put_points(t, b, i, end, err);
+        }
     t->done += b->count;
-    if (t->done / BATCH % 32 == 0) pbs_trim_now(&t->out->trim);
+    pbs_trim_now(&t->out->trim);
     pbs_run_progress(t->run, t->at ? "points" : "cells", t->done, t->all);
-    return PBS_OK;
+    return rc;
 }
 
 static pbs_code batch_new(pbs_run *run, batch *b, pbs_err *err) {
     const char *what = "a batch of points";
     memset(b, 0, sizeof *b);
-    pbs_code rc = pbs_alloc(run, &b->value, BATCH, sizeof *b->value, what, err);
-    if (!rc) rc = pbs_alloc(run, &b->colour, BATCH, sizeof *b->colour, what, err);
+    pbs_code rc = pbs_alloc(run, &b->value, PART, sizeof *b->value, what, err);
+    if (!rc) rc = pbs_alloc(run, &b->colour, PART, sizeof *b->colour, what, err);
     if (!rc) rc = pbs_alloc(run, &b->raw, BATCH, sizeof *b->raw, what, err);
-    if (!rc) rc = pbs_alloc(run, &b->place, BATCH, sizeof *b->place, what, err);
+    if (!rc) rc = pbs_alloc(run, &b->sorted, BATCH, sizeof *b->sorted, what, err);
+    if (!rc) rc = pbs_alloc(run, &b->key, BATCH, sizeof *b->key, what, err);
+    if (!rc) rc = pbs_alloc(run, &b->other, BATCH, sizeof *b->other, what, err);
     return rc;
 }
 
@@ -305,7 +340,9 @@ static void batch_free(pbs_run *run, batch *b) {
     pbs_free(run, b->value);
     pbs_free(run, b->colour);
     pbs_free(run, b->raw);
-    pbs_free(run, b->place);
+    pbs_free(run, b->sorted);
+    pbs_free(run, b->key);
+    pbs_free(run, b->other);
 }
 
 static pbs_code pass(take *t, batch *slots, int count, pbs_err *err) {
@@ -354,6 +391,10 @@ static pbs_code count_cells(take *t, batch *slots, int count, pbs_err *err) {
     return pbs_clod_cells_of(t->run, &t->grid, 0, &t->out->cells, err);
 }
 
+static void trim(void *t) {
+    pbs_trim_now(t);
+}
+
 static pbs_code sort_points(take *t, batch *slots, int count, pbs_err *err) {
     pbs_cloud_points *out = t->out;
     pbs_clod_cells *cells = &out->cells;
@@ -366,7 +407,7 @@ static pbs_code sort_points(take *t, batch *slots, int count, pbs_err *err) {
     for (size_t i = 0; i < cells->count; i++) t->at[i] = cells->cell[i].first;
     rc = pass(t, slots, count, err);
     pbs_clod_grid_free(t->run, &t->grid);
-    return rc ? rc : pbs_clod_cut(t->run, out->raw.bytes, cells, err);
+    return rc ? rc : pbs_clod_cut(t->run, out->raw.bytes, cells, trim, &out->trim, err);
 }
 
 static pbs_code take_all(take *t, batch *slots, int count, pbs_err *err) {
@@ -406,6 +447,16 @@ pbs_code pbs_cloud_take(pbs_run *run, const pbs_cloud *clouds, size_t count, pbs
     pbs_free(run, t.at);
     pbs_clod_grid_free(run, &t.grid);
     return rc;
+}
+
+static pbs_code read_points(void *ctx, uint64_t at, size_t size, void *to, pbs_err *err) {
+    return pbs_scratch_read(ctx, at, size, to, err);
+}
+static pbs_code write_points(void *ctx, uint64_t at, size_t size, const void *from, pbs_err *err) {
+    return pbs_scratch_write(ctx, at, size, from, err);
+}
+pbs_clod_store pbs_cloud_store(const pbs_cloud_points *p) {
+    return (pbs_clod_store){(void *)&p->raw, read_points, write_points};
 }
 
 void pbs_cloud_points_free(pbs_run *run, pbs_cloud_points *p) {

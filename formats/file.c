@@ -49,6 +49,7 @@ pbs_code pbs_input_open_both(pbs_run *run, const char *path, pbs_input *in, pbs_
         rc = pbs_fail(err, PBS_USAGE, "standard input is a terminal: name a file or pipe one in");
     else if (S_ISREG(st.st_mode) && lseek(in->fd, 0, SEEK_CUR) == 0) {
         in->size = (uint64_t)st.st_size;
+        in->device = st.st_dev, in->inode = st.st_ino;
         if (map_fd(in->fd, in->size, &in->bytes)) rc = pbs_fail_errno(err, "%s: map", in->name);
         in->mapped = !rc;
     }

@@ -15,7 +15,8 @@ typedef struct pbs_input {
     bool mapped;          /* bytes and size are valid */
     const uint8_t *bytes; /* of the whole file; NULL if it is empty */
     uint64_t size;
-    uint8_t *ahead; /* of a pipe: the first bytes, read to see what it is */
+    uint64_t device, inode; /* of what is mapped, to find it again */
+    uint8_t *ahead;         /* of a pipe: the first bytes, read to see what it is */
     size_t ahead_size, ahead_used;
     char name[512]; /* for messages: the path or "standard input" */
     pbs_run *run;

@@ -86,7 +86,9 @@ static pbs_code map_file(pbs_scratch *s, const pbs_output *spool, const char *wh
     if (p == MAP_FAILED) return pbs_fail_errno(err, "%s: %s: map", what, spool->name);
     s->bytes = p;
     s->is_file = true;
-    return PBS_OK;
+    s->fd = fcntl(spool->fd, F_DUPFD_CLOEXEC, 0);
+    snprintf(s->name, sizeof s->name, "%.60s", spool->name);
+    return s->fd < 0 ? pbs_fail_errno(err, "%s: %s", what, spool->name) : PBS_OK;
 }
 
 pbs_code pbs_scratch_new(pbs_run *run, size_t count, size_t size, const char *what,
@@ -101,7 +103,7 @@ pbs_code pbs_scratch_file(pbs_run *run, size_t count, size_t size, const char *w
 
 pbs_code pbs_scratch_within(pbs_run *run, size_t count, size_t size, const char *what, size_t most,
                             pbs_scratch *out, pbs_err *err) {
-    *out = (pbs_scratch){.run = run};
+    *out = (pbs_scratch){.run = run, .fd = -1};
     if (size && count > SIZE_MAX / 4 / size) return pbs_fail(err, PBS_LIMIT, "%s: too large", what);
     out->size = count * size;
     if (out->size <= most && out->size <= pbs_mem_left(run) / 4)
@@ -114,10 +116,40 @@ pbs_code pbs_scratch_within(pbs_run *run, size_t count, size_t size, const char 
     return rc;
 }
 
+pbs_code pbs_scratch_read(const pbs_scratch *s, uint64_t at, size_t size, void *to, pbs_err *err) {
+    if (!s->is_file) {
+        if (size) memcpy(to, (const char *)s->bytes + at, size);
+        return PBS_OK;
+    }
+    for (size_t got = 0; got < size;) {
+        ssize_t n = pread(s->fd, (char *)to + got, size - got, (off_t)(at + got));
+        if (n < 0 && errno == EINTR) continue;
+        if (n <= 0) return pbs_fail_errno(err, "%s", s->name);
+        got += (size_t)n;
+    }
+    return PBS_OK;
+}
+
+pbs_code pbs_scratch_write(const pbs_scratch *s, uint64_t at, size_t size, const void *from,
+                           pbs_err *err) {
+    if (!s->is_file) {
+        if (size) memcpy((char *)s->bytes + at, from, size);
+        return PBS_OK;
+    }
+    for (size_t done = 0; done < size;) {
+        ssize_t n = pwrite(s->fd, (const char *)from + done, size - done, (off_t)(at + done));
+        if (n < 0 && errno == EINTR) continue;
+        if (n < 0) return pbs_fail_errno(err, "%s", s->name);
+        done += (size_t)n;
+    }
+    return PBS_OK;
+}
+
 void pbs_scratch_free(pbs_scratch *s) {
-    if (s->is_file)
+    if (s->is_file) {
         munmap(s->bytes, s->size);
-    else if (s->bytes)
+        if (s->fd >= 0) close(s->fd);
+    } else if (s->bytes)
         pbs_free(s->run, s->bytes);
     memset(s, 0, sizeof *s);
 }

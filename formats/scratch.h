@@ -45,7 +45,9 @@ typedef struct pbs_scratch {
     pbs_run *run;
     void *bytes;
     size_t size;
-    bool is_file; /* a map, which may be trimmed; its memory is not counted */
+    bool is_file;  /* a map, which may be trimmed; its memory is not counted */
+    int fd;        /* the file; -1: memory */
+    char name[64]; /* for messages */
 } pbs_scratch;
 
 /* count * size bytes, not cleared: in memory if that takes at most a quarter of what the limit
@@ -59,6 +61,12 @@ pbs_code pbs_scratch_within(pbs_run *run, size_t count, size_t size, const char 
 /* The same, in a file whatever the size. */
 pbs_code pbs_scratch_file(pbs_run *run, size_t count, size_t size, const char *what,
                           pbs_scratch *out, pbs_err *err);
+/* Bytes in and out without touching pages of the map, which costs far more than the copy: a page of
+ * a map is one's own memory until it is given back. What is written is seen through the map.
+ * Thread-safe for different places. at + size must be within. */
+pbs_code pbs_scratch_read(const pbs_scratch *s, uint64_t at, size_t size, void *to, pbs_err *err);
+pbs_code pbs_scratch_write(const pbs_scratch *s, uint64_t at, size_t size, const void *from,
+                           pbs_err *err);
 /* Zeroed by = {0} is fine. */
 void pbs_scratch_free(pbs_scratch *s);
 #endif

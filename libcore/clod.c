@@ -16,7 +16,7 @@ static int group_of(const pbs_clod_cell *c) {
 
 typedef struct job {
     pbs_run *run;
-    pbs_clod_raw *points;
+    const pbs_clod_store *store;
     const pbs_clod_cells *cells;
     pbs_clod_work *work; /* one a thread */
     const uint32_t *group;
@@ -37,7 +37,7 @@ static size_t lower_bound(const pbs_clod_cells *cells, const uint32_t at[3]) {
 
 /* The cells that are in the place of a neighbour of c's size, or are it, and came before c. */
 static pbs_code take_neighbour(const job *j, const pbs_clod_cell *c, const int64_t at[3],
-                               pbs_thin *t, pbs_err *err) {
+                               pbs_clod_work *w, pbs_err *err) {
     uint32_t origin[3];
     for (int k = 0; k < 3; k++) {
         if (at[k] < 0 || at[k] >= (int64_t)1 << PBS_CLOD_BITS) return PBS_OK;
@@ -49,7 +49,8 @@ static pbs_code take_neighbour(const job *j, const pbs_clod_cell *c, const int64
         bool in = true;
         for (int k = 0; k < 3; k++) in = in && o->origin[k] >> c->bits == origin[k] >> c->bits;
         if (!in) break;
-        if (group_of(o) < group_of(c)) rc = pbs_clod_take_border(t, j->points, o, c, 0, err);
+        if (group_of(o) < group_of(c))
+            rc = pbs_clod_take_border(&w->thin, j->store, o, c, 0, (void *)w->other, err);
     }
     return rc;
 }
@@ -64,13 +65,12 @@ static pbs_code thin_one(void *ctx, size_t i, int thread, pbs_err *err) {
     for (int n = 0; n < 27 && !rc; n++) {
         int64_t at[3] = {c->origin[0] + (n % 3 - 1) * side, c->origin[1] + (n / 3 % 3 - 1) * side,
                          c->origin[2] + (n / 9 - 1) * side};
-        if (n != 13) rc = take_neighbour(j, c, at, &w->thin, err);
+        if (n != 13) rc = take_neighbour(j, c, at, w, err);
     }
-    return rc ? rc : pbs_clod_thin_cell(j->run, j->points, c, w, err);
+    return rc ? rc : pbs_clod_thin_cell(j->run, j->store, c, w, err);
 }
 
-static pbs_code thin_groups(job *j, uint32_t *order, void (*done)(void *ctx), void *ctx,
-                            pbs_err *err) {
+static pbs_code thin_groups(job *j, uint32_t *order, pbs_err *err) {
     size_t at[GROUPS + 1] = {0}, end[GROUPS];
     const pbs_clod_cells *cells = j->cells;
     for (size_t i = 0; i < cells->count; i++) at[group_of(&cells->cell[i]) + 1]++;
@@ -78,21 +78,18 @@ static pbs_code thin_groups(job *j, uint32_t *order, void (*done)(void *ctx), vo
     memcpy(end, at, sizeof end);
     for (size_t i = 0; i < cells->count; i++) order[end[group_of(&cells->cell[i])]++] = (uint32_t)i;
     pbs_code rc = PBS_OK;
-    const size_t batch = 64; /* so that pages go soon enough */
-    for (int g = 0; g < GROUPS && !rc; g++)
-        for (size_t i = at[g]; i < end[g] && !rc; i += batch) {
-            size_t n = end[g] - i < batch ? end[g] - i : batch;
-            j->group = order + i;
-            rc = pbs_parallel(j->run, n, thin_one, j, err);
-            if (done) done(ctx);
-            pbs_run_progress(j->run, "levels", i + n, cells->count);
-        }
+    for (int g = 0; g < GROUPS && !rc; g++) {
+        if (at[g] == end[g]) continue;
+        j->group = order + at[g];
+        rc = pbs_parallel(j->run, end[g] - at[g], thin_one, j, err);
+        pbs_run_progress(j->run, "levels", end[g], cells->count);
+    }
     return rc;
 }
 
-pbs_code pbs_clod_thin(pbs_run *run, pbs_clod_raw *points, pbs_clod_cells *cells, bool colours,
-                       void (*done)(void *ctx), void *ctx, pbs_err *err) {
-    job j = {.run = run, .points = points, .cells = cells};
+pbs_code pbs_clod_thin(pbs_run *run, const pbs_clod_store *store, pbs_clod_cells *cells,
+                       bool colours, pbs_err *err) {
+    job j = {.run = run, .store = store, .cells = cells};
     size_t threads = (size_t)run->threads;
     uint32_t *order = NULL;
     pbs_code rc = pbs_alloc(run, &j.work, threads, sizeof *j.work, "the threads", err);
@@ -101,7 +98,7 @@ pbs_code pbs_clod_thin(pbs_run *run, pbs_clod_raw *points, pbs_clod_cells *cells
     for (size_t i = 0; i < threads && !rc; i++)
         rc = pbs_clod_work_new(run, colours, &j.work[i], err);
     if (!rc) rc = pbs_alloc(run, &order, cells->count, sizeof *order, "the cells", err);
-    if (!rc) rc = thin_groups(&j, order, done, ctx, err);
+    if (!rc) rc = thin_groups(&j, order, err);
     pbs_free(run, order);
     for (size_t i = 0; i < threads; i++) pbs_clod_work_free(run, &j.work[i]);
     pbs_free(run, j.work);
@@ -131,7 +128,8 @@ static pbs_code take_rests(pbs_run *run, pbs_clod_cells *cells, pbs_clod_upper *
 }
 
 typedef struct upper {
-    pbs_clod_raw *points;
+    const pbs_clod_store *store;
+    pbs_clod_border *border;
     const pbs_clod_cells *cells;
     pbs_clod_upper *out;
     pbs_thin thin;
@@ -144,7 +142,8 @@ static pbs_code upper_level(upper *u, int k, pbs_err *err) {
     u->thin.fixed_count = 0;
     for (size_t i = 0; i < u->cells->count && !rc; i++)
         if (pbs_clod_top(&u->cells->cell[i]) >= k)
-            rc = pbs_clod_take_border(&u->thin, u->points, &u->cells->cell[i], NULL, k, err);
+            rc = pbs_clod_take_border(&u->thin, u->store, &u->cells->cell[i], NULL, k, u->border,
+                                      err);
     u->set.count = 0;
     for (size_t i = 0; i < out->count; i++) {
         const pbs_clod_rest *r = &out->rest[i];
@@ -173,16 +172,19 @@ static pbs_code upper_levels(pbs_run *run, upper *u, int top, pbs_err *err) {
     return rc;
 }
 
-pbs_code pbs_clod_thin_upper(pbs_run *run, pbs_clod_raw *points, pbs_clod_cells *cells, int top,
-                             bool colours, pbs_clod_upper *out, pbs_err *err) {
-    upper u = {.points = points, .cells = cells, .out = out};
+pbs_code pbs_clod_thin_upper(pbs_run *run, const pbs_clod_store *store, pbs_clod_cells *cells,
+                             int top, bool colours, pbs_clod_upper *out, pbs_err *err) {
+    upper u = {.store = store, .cells = cells, .out = out};
     memset(out, 0, sizeof *out);
     pbs_code rc = take_rests(run, cells, out, err);
+    if (!rc)
+        rc = pbs_alloc(run, &u.border, PBS_CLOD_BORDER, sizeof *u.border, "coarse points", err);
     if (!rc) rc = pbs_thin_new(run, out->count, &u.thin, err);
     if (!rc) rc = pbs_thin_set_new(run, out->count, colours, &u.set, err);
     if (!rc) rc = pbs_thin_set_new(run, out->count, colours, &u.kept, err);
     if (!rc) rc = pbs_thin_set_new(run, out->count, colours, &u.rejected, err);
     if (!rc) rc = upper_levels(run, &u, top, err);
+    pbs_free(run, u.border);
     pbs_thin_free(&u.thin);
     pbs_thin_set_free(run, &u.set);
     pbs_thin_set_free(run, &u.kept);

@@ -69,6 +69,20 @@ static inline int pbs_clod_top(const pbs_clod_cell *c) {
     return c->bits > PBS_CLOD_KEEP ? c->bits - PBS_CLOD_KEEP : 0;
 }
 
+/* Sorts n keys of bits 16 .. 16 + bits - 1; of equal ones the first stays first. The result is in
+ * *key; *other, as large, may change places with it. */
+void pbs_clod_sort(uint64_t **key, uint64_t **other, uint32_t n, int bits);
+
+/* ---- where the points are ---- */
+
+/* Bytes in memory or in a file, 16 for each point. Different places can be read and written at a
+ * time. */
+typedef struct pbs_clod_store {
+    void *ctx;
+    pbs_code (*read)(void *ctx, uint64_t at, size_t size, void *to, pbs_err *err);
+    pbs_code (*write)(void *ctx, uint64_t at, size_t size, const void *from, pbs_err *err);
+} pbs_clod_store;
+
 /* ---- the octree of cells ---- */
 
 /* Counts of a regular grid of cells in Morton order, 2^depth along each axis. */
@@ -101,21 +115,22 @@ typedef struct pbs_clod_cells {
 pbs_code pbs_clod_cells_of(pbs_run *run, pbs_clod_grid *g, uint64_t first, pbs_clod_cells *out,
                            pbs_err *err);
 /* Cells that are too large, or have too many points, are cut, and their points put in order. raw:
- * all points, those of a cell together. */
-pbs_code pbs_clod_cut(pbs_run *run, pbs_clod_raw *raw, pbs_clod_cells *cells, pbs_err *err);
+ * all points, those of a cell together. done is called every now and then, so that pages of the
+ * array can be given back; NULL: nobody asks. */
+pbs_code pbs_clod_cut(pbs_run *run, pbs_clod_raw *raw, pbs_clod_cells *cells,
+                      void (*done)(void *ctx), void *ctx, pbs_err *err);
 void pbs_clod_cells_free(pbs_run *run, pbs_clod_cells *cells);
 
 /* ---- levels ---- */
 
-/* Thins all cells. points: what pbs_clod_cut left. The room of a cell (16 bytes a point) holds then
- * its pbs_clod_point (12 bytes a point), the coarse before the fine and those of a level in Morton
- * order; see pbs_clod_points. colours: false: they are not touched. done is called after each
- * group of cells, so that pages of the array can be given back; NULL: nobody asks. */
-pbs_code pbs_clod_thin(pbs_run *run, pbs_clod_raw *points, pbs_clod_cells *cells, bool colours,
-                       void (*done)(void *ctx), void *ctx, pbs_err *err);
+/* Thins all cells. The room of a cell, from pbs_clod_at on, holds its points as pbs_clod_cut left
+ * them, and then as pbs_clod_point (12 bytes a point), the coarse before the fine and those of a
+ * level in Morton order. colours: false: they are not touched. */
+pbs_code pbs_clod_thin(pbs_run *run, const pbs_clod_store *store, pbs_clod_cells *cells,
+                       bool colours, pbs_err *err);
 
-static inline pbs_clod_point *pbs_clod_points(pbs_clod_raw *points, const pbs_clod_cell *c) {
-    return (pbs_clod_point *)(void *)(points + c->first);
+static inline uint64_t pbs_clod_at(const pbs_clod_cell *c) {
+    return c->first * sizeof(pbs_clod_raw);
 }
 
 /* What is left of all cells, through all coarser levels up to k = top. */
@@ -126,8 +141,8 @@ typedef struct pbs_clod_upper {
     int8_t *level;       /* k of each */
 } pbs_clod_upper;
 
-pbs_code pbs_clod_thin_upper(pbs_run *run, pbs_clod_raw *points, pbs_clod_cells *cells, int top,
-                             bool colours, pbs_clod_upper *out, pbs_err *err);
+pbs_code pbs_clod_thin_upper(pbs_run *run, const pbs_clod_store *store, pbs_clod_cells *cells,
+                             int top, bool colours, pbs_clod_upper *out, pbs_err *err);
 /* Its colour. */
 void pbs_clod_rest_colour(const pbs_clod_rest *r, uint8_t colour[4]);
 void pbs_clod_upper_free(pbs_run *run, pbs_clod_upper *u);

@@ -1,18 +1,19 @@
 /* One cell of a point cloud, thinned from fine to coarse (clod.h). */
 #include "libcore/clod_internal.h"
 #include "libcore/srgb.h"
+#include "libcore/vectors.h"
 #include <string.h>
 
-enum { DIGIT = 12 };
+enum { DIGIT = 12, FEW = 160, CROWD = 600 };
 
 pbs_code pbs_clod_work_new(pbs_run *run, bool colours, pbs_clod_work *w, pbs_err *err) {
     const char *what = "a cell of points";
     const size_t n = PBS_CLOD_CELL;
     memset(w, 0, sizeof *w);
-    pbs_code rc = pbs_alloc(run, &w->key, n, sizeof *w->key, what, err);
+    pbs_code rc = pbs_alloc(run, &w->raw, n, sizeof *w->raw, what, err);
+    if (!rc) rc = pbs_alloc(run, &w->key, n, sizeof *w->key, what, err);
     if (!rc) rc = pbs_alloc(run, &w->other, n, sizeof *w->other, what, err);
     if (!rc) rc = pbs_alloc(run, &w->colour, n, sizeof *w->colour, what, err);
-    if (!rc) rc = pbs_alloc(run, &w->unsorted, n, sizeof *w->unsorted, what, err);
     if (!rc) rc = pbs_alloc(run, &w->q, n, sizeof *w->q, what, err);
     if (!rc) rc = pbs_alloc(run, &w->level, n, sizeof *w->level, what, err);
     if (!rc) rc = pbs_alloc(run, &w->order, n, sizeof *w->order, what, err);
@@ -25,10 +26,10 @@ pbs_code pbs_clod_work_new(pbs_run *run, bool colours, pbs_clod_work *w, pbs_err
 }
 
 void pbs_clod_work_free(pbs_run *run, pbs_clod_work *w) {
+    pbs_free(run, w->raw);
     pbs_free(run, w->key);
     pbs_free(run, w->other);
     pbs_free(run, w->colour);
-    pbs_free(run, w->unsorted);
     pbs_free(run, w->q);
     pbs_free(run, w->level);
     pbs_free(run, w->order);
@@ -55,44 +56,48 @@ static inline uint32_t gather3(uint64_t v) {
     return (uint32_t)((v | v >> 16) & 0xffff);
 }
 
-static void make_keys(const pbs_clod_raw *raw, pbs_clod_cell *c, pbs_clod_work *w) {
-    uint32_t low[3] = {UINT32_MAX, UINT32_MAX, UINT32_MAX}, high[3] = {0};
+static inline i4 select4i(i4 which, i4 yes, i4 no) {
+    return (yes & which) | (no & ~which);
+}
+
+static void make_keys(pbs_clod_cell *c, pbs_clod_work *w) {
+    i4 low = {INT32_MAX, INT32_MAX, INT32_MAX, INT32_MAX}, high = {0};
     for (uint32_t i = 0; i < c->count; i++) {
-        const uint32_t *q = raw[i].q;
-        for (int k = 0; k < 3; k++) {
-            low[k] = q[k] < low[k] ? q[k] : low[k];
-            high[k] = q[k] > high[k] ? q[k] : high[k];
-        }
+        const uint32_t *q = w->raw[i].q;
+        i4 v = *(const i4_at *)(const void *)&w->raw[i]; /* the fourth is its colour */
+        low = select4i(v < low, v, low);
+        high = select4i(v > high, v, high);
         uint64_t m = spread(q[0] - c->origin[0]) | spread(q[1] - c->origin[1]) << 1 |
                      spread(q[2] - c->origin[2]) << 2;
         w->key[i] = m << 16 | i;
-        memcpy(w->unsorted[i], raw[i].colour, 4);
     }
-    memcpy(c->low, low, sizeof low);
-    memcpy(c->high, high, sizeof high);
+    memcpy(c->low, &low, sizeof c->low);
+    memcpy(c->high, &high, sizeof c->high);
 }
 
-/* Least significant digit first; the result is in w->key. */
-static void sort_keys(pbs_clod_work *w, uint32_t n, int bits) {
+/* Least significant digit first. */
+void pbs_clod_sort(uint64_t **key, uint64_t **other, uint32_t n, int bits) {
     static const uint32_t mask = (1 << DIGIT) - 1;
     uint32_t count[4][1 << DIGIT];
+    uint64_t *from = *key, *to = *other;
     int digits = (bits + DIGIT - 1) / DIGIT;
     memset(count, 0, (size_t)digits * sizeof count[0]);
     for (uint32_t i = 0; i < n; i++)
-        for (int d = 0; d < digits; d++) count[d][w->key[i] >> (16 + DIGIT * d) & mask]++;
-    for (int d = 0; d < digits; d++) {
+        for (int d = 0; d < digits; d++) count[d][from[i] >> (16 + DIGIT * d) & mask]++;
+    for (int d = 0; d < digits && n; d++) {
         uint32_t at = 0, *c = count[d];
         int shift = 16 + DIGIT * d;
-        if (c[w->key[0] >> shift & mask] == n) continue; /* all the same */
+        if (c[from[0] >> shift & mask] == n) continue; /* all the same */
         for (uint32_t i = 0; i <= mask; i++) {
             uint32_t k = c[i];
             c[i] = at;
             at += k;
         }
-        for (uint32_t i = 0; i < n; i++) w->other[c[w->key[i] >> shift & mask]++] = w->key[i];
-        uint64_t *t = w->key;
-        w->key = w->other, w->other = t;
+        for (uint32_t i = 0; i < n; i++) to[c[from[i] >> shift & mask]++] = from[i];
+        uint64_t *t = from;
+        from = to, to = t;
     }
+    *key = from, *other = to;
 }
 
 /* ---- levels ---- */
@@ -112,7 +117,7 @@ static void take_points(const pbs_clod_cell *c, pbs_clod_work *w) {
     w->kept.count = 0;
     for (uint32_t i = 0; i < n; i++) {
         uint64_t m = w->key[i] >> 16;
-        memcpy(w->colour[i], w->unsorted[w->key[i] & 0xffff], 4);
+        memcpy(w->colour[i], w->raw[w->key[i] & 0xffff].colour, 4);
         w->level[i] = -1;
         if (!i || m != w->key[i - 1] >> 16) {
             uint32_t x = gather3(m), y = gather3(m >> 1), z = gather3(m >> 2);
@@ -126,19 +131,33 @@ static void take_points(const pbs_clod_cell *c, pbs_clod_work *w) {
     }
 }
 
-/* The first level: one at which a part of the points, but not most of them, has others near. A
- * cell of side 2^(k - 1) keeps one point at most. */
+/* Pairs of points in one block of a level, for each point. */
+static uint64_t crowd(const pbs_clod_work *w, uint32_t n, int k) {
+    const int shift = 3 * (k + PBS_THIN_BLOCK);
+    uint64_t pairs = 0, first = 0;
+    for (uint64_t i = 1; i <= n; i++) {
+        if (i < n && (w->key[i] ^ w->key[i - 1]) >> 16 >> shift == 0) continue;
+        pairs += (i - first) * (i - first);
+        first = i;
+    }
+    return pairs / n;
+}
+
+/* The first level: the coarsest whose blocks have FEW points in the mean; but where most points are
+ * in few blocks a finer one, since what a block costs grows with the square of its points. */
 static int first_level(const pbs_clod_work *w, uint32_t n, int top) {
-    uint32_t at[17] = {0}, alone = w->kept.count, together = 0;
+    uint32_t at[PBS_CLOD_SIDE + 1] = {0}, blocks = 1; /* of pairs that a level's blocks part */
     for (uint32_t i = 1; i < n; i++) {
         uint64_t differ = (w->key[i] ^ w->key[i - 1]) >> 16;
         if (differ) at[(63 - __builtin_clzll(differ)) / 3]++;
     }
-    for (int k = 1; k < top; k++) {
-        if (k > 1) together += at[k - 2];
-        if (8 * (uint64_t)together >= alone) return k;
+    int k = PBS_CLOD_SIDE - PBS_THIN_BLOCK;
+    for (; k > 1; k--) {
+        blocks += at[k + PBS_THIN_BLOCK];
+        if ((uint64_t)blocks * FEW >= n) break;
     }
-    return top;
+    while (k > 1 && crowd(w, n, k) > CROWD) k--;
+    return k < top ? k : top;
 }
 
 static void drop_fixed(pbs_thin *t, int below) {
@@ -235,8 +254,9 @@ static inline bool at_border(const pbs_clod_point *p, int bits, int k) {
     return false;
 }
 
-static pbs_code take_border(pbs_run *run, const pbs_clod_work *w, pbs_clod_cell *c,
-                            pbs_clod_point *p, pbs_err *err) {
+/* Those behind the points, if there is room. */
+static pbs_code leave_border(pbs_run *run, const pbs_clod_work *w, pbs_clod_cell *c,
+                             const pbs_clod_point *p, pbs_err *err) {
     pbs_clod_border *b = (void *)w->other; /* as large, and free */
     uint32_t n = 0;
     uint64_t i = 0;
@@ -245,70 +265,92 @@ static pbs_code take_border(pbs_run *run, const pbs_clod_work *w, pbs_clod_cell 
         for (uint64_t end = i + c->level[k + 1]; i < end; i++)
             if (at_border(&p[i], c->bits, k))
                 b[n++] = (pbs_clod_border){{p[i].q[0], p[i].q[1], p[i].q[2]}, (int16_t)k};
-    if (n > c->count / 2) rc = pbs_alloc(run, &c->border, n, sizeof *b, "points at borders", err);
-    if (rc) return rc;
-    memcpy(pbs_clod_border_of(p, c), b, n * sizeof *b);
     c->border_count = n;
-    return PBS_OK;
+    if (n <= c->count / 2) {
+        memcpy((pbs_clod_point *)(void *)w->raw + c->count, b, n * sizeof *b);
+        return PBS_OK;
+    }
+    rc = pbs_alloc(run, &c->border, n, sizeof *b, "points at borders", err);
+    if (!rc) memcpy(c->border, b, n * sizeof *b);
+    return rc;
 }
 
-/* All points at one place, more than the arrays are for. */
-static pbs_code thin_place(pbs_run *run, pbs_clod_raw *raw, pbs_clod_cell *c, bool colours,
-                           pbs_err *err) {
-    pbs_clod_point *out = (pbs_clod_point *)(void *)raw;
+/* All points at one place, more than the arrays are for: piece by piece. */
+static pbs_code thin_place(const pbs_clod_store *s, pbs_clod_cell *c, pbs_clod_work *w,
+                           double sum[4], pbs_err *err) {
     const float *linear = pbs_srgb()->linear;
-    double sum[3] = {0};
+    pbs_clod_point *out = (void *)w->raw;
+    pbs_code rc = PBS_OK;
+    for (uint64_t i = 0, n; i < c->count && !rc; i += n) {
+        n = c->count - i < PBS_CLOD_CELL ? c->count - i : PBS_CLOD_CELL;
+        rc = s->read(s->ctx, pbs_clod_at(c) + i * sizeof *w->raw, n * sizeof *w->raw, w->raw, err);
+        for (uint64_t j = 0; j < n && !rc; j++) {
+            pbs_clod_point p = {.spacing = pbs_clod_spacing(i + j ? -1 : 0)};
+            memcpy(p.colour, w->raw[j].colour, 4);
+            for (int k = 0; k < 3; k++) sum[k] += (double)linear[p.colour[k]];
+            if (i + j == 0) sum[3] = p.colour[3];
+            out[j] = p; /* in front of what is still to be read */
+        }
+        if (!rc) rc = s->write(s->ctx, pbs_clod_at(c) + i * sizeof *out, n * sizeof *out, out, err);
+    }
+    return rc;
+}
+
+static pbs_code leave_place(pbs_run *run, const pbs_clod_store *s, pbs_clod_cell *c,
+                            pbs_clod_work *w, pbs_err *err) {
+    double sum[4] = {0};
     memcpy(c->low, c->origin, sizeof c->low);
     memcpy(c->high, c->origin, sizeof c->high);
-    for (uint64_t i = 0; i < c->count; i++) {
-        pbs_clod_point p = {.spacing = pbs_clod_spacing(i ? -1 : 0)};
-        memcpy(p.colour, raw[i].colour, 4);
-        for (int k = 0; k < 3; k++) sum[k] += (double)linear[p.colour[k]];
-        out[i] = p; /* in front of what is still to be read */
-    }
     c->level[1] = 1;
     c->level[0] = c->count - 1;
     c->rest_count = 1;
-    pbs_code rc = pbs_alloc(run, &c->rest, 1, sizeof *c->rest, "coarse points", err);
+    pbs_code rc = thin_place(s, c, w, sum, err);
+    if (!rc) rc = pbs_alloc(run, &c->rest, 1, sizeof *c->rest, "coarse points", err);
     if (rc) return rc;
-    *c->rest = (pbs_clod_rest){.alpha = out->colour[3]};
+    *c->rest = (pbs_clod_rest){.alpha = (uint8_t)sum[3]};
     memcpy(c->rest->q, c->origin, sizeof c->rest->q);
-    if (!colours) return PBS_OK;
-    for (int k = 0; k < 3; k++) c->rest->sum[k] = (float)sum[k];
-    c->rest->sum[3] = (float)c->count;
+    for (int k = 0; k < 3 && w->kept.sum; k++) c->rest->sum[k] = (float)sum[k];
+    if (w->kept.sum) c->rest->sum[3] = (float)c->count;
     return PBS_OK;
 }
 
-pbs_code pbs_clod_thin_cell(pbs_run *run, pbs_clod_raw *points, pbs_clod_cell *c, pbs_clod_work *w,
-                            pbs_err *err) {
-    pbs_clod_raw *raw = points + c->first;
-    pbs_clod_point *out = pbs_clod_points(points, c);
+pbs_code pbs_clod_thin_cell(pbs_run *run, const pbs_clod_store *s, pbs_clod_cell *c,
+                            pbs_clod_work *w, pbs_err *err) {
+    pbs_clod_point *out = (void *)w->raw;
     int top = pbs_clod_top(c);
-    if (c->count > PBS_CLOD_CELL) return thin_place(run, raw, c, w->kept.sum != NULL, err);
-    make_keys(raw, c, w);
-    sort_keys(w, (uint32_t)c->count, 3 * c->bits);
+    if (c->count > PBS_CLOD_CELL) return leave_place(run, s, c, w, err);
+    pbs_code rc = s->read(s->ctx, pbs_clod_at(c), c->count * sizeof *w->raw, w->raw, err);
+    if (rc) return rc;
+    make_keys(c, w);
+    pbs_clod_sort(&w->key, &w->other, (uint32_t)c->count, 3 * c->bits);
     take_points(c, w);
-    pbs_code rc = thin(w, (uint32_t)c->count, top, err);
+    rc = thin(w, (uint32_t)c->count, top, err);
     if (rc) return rc;
     order_levels(w, c);
     write_points(w, c, out);
     rc = take_rest(run, w, c, out, top, err);
-    return rc ? rc : take_border(run, w, c, out, err);
+    if (!rc) rc = leave_border(run, w, c, out, err);
+    size_t behind = c->border ? 0 : c->border_count * sizeof(pbs_clod_border);
+    return rc ? rc : s->write(s->ctx, pbs_clod_at(c), c->count * sizeof *out + behind, out, err);
 }
 
-pbs_code pbs_clod_take_border(pbs_thin *t, pbs_clod_raw *points, const pbs_clod_cell *from,
-                              const pbs_clod_cell *box, int least, pbs_err *err) {
-    const pbs_clod_border *b = pbs_clod_border_of(pbs_clod_points(points, from), from);
+pbs_code pbs_clod_take_border(pbs_thin *t, const pbs_clod_store *s, const pbs_clod_cell *from,
+                              const pbs_clod_cell *box, int least, pbs_clod_border *room,
+                              pbs_err *err) {
+    const pbs_clod_border *b = from->border ? from->border : room;
     pbs_code rc = pbs_thin_reserve_fixed(t, from->border_count, err);
+    if (!rc && !from->border)
+        rc = s->read(s->ctx, pbs_clod_at(from) + from->count * sizeof(pbs_clod_point),
+                     from->border_count * sizeof *room, room, err);
     for (uint32_t i = 0; i < from->border_count && !rc; i++) {
         if (b[i].k < least) break; /* they fall */
-        int64_t s = (int64_t)1 << b[i].k;
+        int64_t side = (int64_t)1 << b[i].k;
         struct pbs_thin_fixed f = {.k = b[i].k};
         bool near = true;
         for (int k = 0; k < 3; k++) {
             int64_t q = (int64_t)from->origin[k] + b[i].q[k], o = box ? box->origin[k] : q;
             f.at[k] = (int32_t)q;
-            near = near && q > o - s && q < o + ((int64_t)1 << (box ? box->bits : 0)) - 1 + s;
+            near = near && q > o - side && q < o + ((int64_t)1 << (box ? box->bits : 0)) - 1 + side;
         }
         if (near) t->fixed[t->fixed_count++] = f;
     }

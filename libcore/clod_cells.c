@@ -30,6 +30,15 @@ static inline uint32_t gather3(uint32_t v) {
     return r;
 }
 
+/* What cutting needs. */
+typedef struct cutter {
+    pbs_run *run;
+    pbs_clod_raw *raw;
+    pbs_clod_cells *out;
+    void (*done)(void *ctx);
+    void *ctx;
+} cutter;
+
 typedef struct builder {
     pbs_run *run;
     pbs_clod_grid *g;
@@ -71,67 +80,82 @@ pbs_code pbs_clod_cells_of(pbs_run *run, pbs_clod_grid *g, uint64_t first, pbs_c
     return build(&b, 0, 0, err);
 }
 
+static void was_moved(const cutter *u, uint64_t *moved, uint64_t n) {
+    const uint64_t often = 1 << 16;
+    *moved += n;
+    if (*moved < often) return;
+    *moved = 0;
+    if (u->done) u->done(u->ctx);
+}
+
 /* Puts points in the order of the cells that the grid found, within their own room. */
-static void permute(pbs_clod_raw *raw, const pbs_clod_grid *g, const pbs_clod_cells *cells,
+static void permute(const cutter *u, const pbs_clod_grid *g, const pbs_clod_cells *cells,
                     uint64_t *at) {
+    pbs_clod_raw *raw = u->raw;
+    uint64_t moved = 0;
     for (size_t c = 0; c < cells->count; c++) at[c] = cells->cell[c].first;
     for (size_t c = 0; c < cells->count; c++) {
         uint64_t end = cells->cell[c].first + cells->cell[c].count;
         while (at[c] < end) {
             pbs_clod_raw p = raw[at[c]];
-            for (uint32_t to; (to = g->cell[pbs_clod_place(g, p.q)]) != c;) {
+            for (uint32_t to; (to = g->cell[pbs_clod_place(g, p.q)]) != c; moved++) {
                 pbs_clod_raw other = raw[at[to]];
                 raw[at[to]++] = p;
                 p = other;
             }
             raw[at[c]++] = p;
+            was_moved(u, &moved, 1);
         }
     }
 }
 
-static pbs_code cut(pbs_run *run, pbs_clod_raw *raw, const pbs_clod_cell *c, pbs_clod_cells *out,
-                    pbs_err *err);
+static pbs_code cut(const cutter *u, const pbs_clod_cell *c, pbs_err *err);
 
 /* One grid's worth of cutting, then what is still too much. */
-static pbs_code cut_once(pbs_run *run, pbs_clod_raw *raw, const pbs_clod_cell *c, pbs_clod_grid *g,
-                         pbs_clod_cells *parts, pbs_clod_cells *out, pbs_err *err) {
+static pbs_code cut_once(const cutter *u, const pbs_clod_cell *c, pbs_clod_grid *g,
+                         pbs_clod_cells *parts, pbs_err *err) {
+    uint64_t *at = NULL, seen = 0;
     memcpy(g->origin, c->origin, sizeof g->origin);
-    for (uint64_t i = c->first; i < c->first + c->count; i++)
-        g->count[pbs_clod_place(g, raw[i].q)]++;
-    uint64_t *at = NULL;
-    pbs_code rc = pbs_clod_cells_of(run, g, c->first, parts, err);
-    if (!rc) rc = pbs_alloc(run, &at, parts->count, sizeof *at, "the cells", err);
-    if (!rc) permute(raw, g, parts, at);
-    pbs_free(run, at);
-    pbs_clod_grid_free(run, g);
-    for (size_t i = 0; i < parts->count && !rc; i++) rc = cut(run, raw, &parts->cell[i], out, err);
+    for (uint64_t i = c->first; i < c->first + c->count; i++) {
+        g->count[pbs_clod_place(g, u->raw[i].q)]++;
+        was_moved(u, &seen, 1);
+    }
+    pbs_code rc = pbs_clod_cells_of(u->run, g, c->first, parts, err);
+    if (!rc) rc = pbs_alloc(u->run, &at, parts->count, sizeof *at, "the cells", err);
+    if (!rc) permute(u, g, parts, at);
+    pbs_free(u->run, at);
+    pbs_clod_grid_free(u->run, g);
+    for (size_t i = 0; i < parts->count && !rc; i++) rc = cut(u, &parts->cell[i], err);
     return rc;
 }
 
-static pbs_code cut(pbs_run *run, pbs_clod_raw *raw, const pbs_clod_cell *c, pbs_clod_cells *out,
-                    pbs_err *err) {
-    pbs_code rc = pbs_run_check(run, err);
+static pbs_code cut(const cutter *u, const pbs_clod_cell *c, pbs_err *err) {
+    pbs_clod_cells *out = u->out;
+    pbs_code rc = pbs_run_check(u->run, err);
     if (rc) return rc;
     if (fits(c->bits, c->count)) {
-        rc = pbs_grow(run, &out->cell, &out->room, out->count + 1, sizeof *out->cell, "the cells",
-                      err);
+        rc = pbs_grow(u->run, &out->cell, &out->room, out->count + 1, sizeof *out->cell,
+                      "the cells", err);
         if (!rc) out->cell[out->count++] = *c;
         return rc;
     }
     pbs_clod_grid g;
     pbs_clod_cells parts = {0};
-    rc = pbs_clod_grid_new(run, c->bits, c->bits < CUT_DEPTH ? c->bits : CUT_DEPTH, &g, err);
+    rc = pbs_clod_grid_new(u->run, c->bits, c->bits < CUT_DEPTH ? c->bits : CUT_DEPTH, &g, err);
     if (rc) return rc;
-    rc = cut_once(run, raw, c, &g, &parts, out, err);
-    pbs_clod_grid_free(run, &g);
-    pbs_free(run, parts.cell);
+    rc = cut_once(u, c, &g, &parts, err);
+    pbs_clod_grid_free(u->run, &g);
+    pbs_free(u->run, parts.cell);
     return rc;
 }
 
-pbs_code pbs_clod_cut(pbs_run *run, pbs_clod_raw *raw, pbs_clod_cells *cells, pbs_err *err) {
+pbs_code pbs_clod_cut(pbs_run *run, pbs_clod_raw *raw, pbs_clod_cells *cells,
+                      void (*done)(void *ctx), void *ctx, pbs_err *err) {
     pbs_clod_cells out = {0};
+    const cutter u = {run, raw, &out, done, ctx};
     pbs_code rc = PBS_OK;
-    for (size_t i = 0; i < cells->count && !rc; i++) rc = cut(run, raw, &cells->cell[i], &out, err);
+    for (size_t i = 0; i < cells->count && !rc; i++) rc = cut(&u, &cells->cell[i], err);
+    if (done) done(ctx);
     pbs_free(run, cells->cell);
     *cells = out;
     return rc;

@@ -10,9 +10,7 @@ typedef struct pbs_clod_border {
     int16_t k;
 } pbs_clod_border;
 
-static inline void *pbs_clod_border_of(pbs_clod_point *p, const pbs_clod_cell *c) {
-    return c->border ? c->border : p + c->count;
-}
+enum { PBS_CLOD_BORDER = PBS_CLOD_CELL / 2 }; /* of them behind a cell's points */
 
 /* Morton order of two places. */
 static inline bool pbs_clod_before(const uint32_t a[3], const uint32_t b[3]) {
@@ -29,8 +27,9 @@ static inline bool pbs_clod_before(const uint32_t a[3], const uint32_t b[3]) {
 
 /* Working memory for one cell. */
 typedef struct pbs_clod_work {
+    pbs_clod_raw *raw; /* then the points, and the border behind them */
     uint64_t *key, *other;
-    uint8_t (*colour)[4], (*unsorted)[4];
+    uint8_t (*colour)[4];
     uint16_t (*q)[3];
     int8_t *level;
     uint16_t *order;
@@ -41,9 +40,11 @@ typedef struct pbs_clod_work {
 pbs_code pbs_clod_work_new(pbs_run *run, bool colours, pbs_clod_work *w, pbs_err *err);
 void pbs_clod_work_free(pbs_run *run, pbs_clod_work *w);
 /* The points that it must respect are in w->thin.fixed. */
-pbs_code pbs_clod_thin_cell(pbs_run *run, pbs_clod_raw *points, pbs_clod_cell *c, pbs_clod_work *w,
-                            pbs_err *err);
-/* Appends a neighbour's border points of at least k to t's, if they matter for a box. */
-pbs_code pbs_clod_take_border(pbs_thin *t, pbs_clod_raw *points, const pbs_clod_cell *from,
-                              const pbs_clod_cell *box, int least, pbs_err *err);
+pbs_code pbs_clod_thin_cell(pbs_run *run, const pbs_clod_store *store, pbs_clod_cell *c,
+                            pbs_clod_work *w, pbs_err *err);
+/* Appends a neighbour's border points of at least k to t's, if they matter for a box. room: for
+ * PBS_CLOD_BORDER of them. */
+pbs_code pbs_clod_take_border(pbs_thin *t, const pbs_clod_store *store, const pbs_clod_cell *from,
+                              const pbs_clod_cell *box, int least, pbs_clod_border *room,
+                              pbs_err *err);
 #endif

@@ -89,6 +89,11 @@ static inline float f8_most(f8 a) {
     m = _mm_max_ps(m, _mm_movehl_ps(m, m));
     return _mm_cvtss_f32(_mm_max_ss(m, _mm_movehdup_ps(m)));
 }
+static inline float f8_least(f8 a) {
+    __m128 m = _mm_min_ps(_mm256_castps256_ps128(a), _mm256_extractf128_ps(a, 1));
+    m = _mm_min_ps(m, _mm_movehl_ps(m, m));
+    return _mm_cvtss_f32(_mm_min_ss(m, _mm_movehdup_ps(m)));
+}
 #else
 typedef struct f8 {
     float v[8];
@@ -160,6 +165,11 @@ static inline void i8_put_bytes(uint32_t *p, uint64_t bytes, uint32_t base) {
 static inline float f8_most(f8 a) {
     float m = a.v[0];
     for (int i = 1; i < 8; i++) m = a.v[i] > m ? a.v[i] : m;
+    return m;
+}
+static inline float f8_least(f8 a) {
+    float m = a.v[0];
+    for (int i = 1; i < 8; i++) m = a.v[i] < m ? a.v[i] : m;
     return m;
 }
 #undef F8_LANES

@@ -13,7 +13,7 @@
 #define PBS_THIN_NAME(name) name
 #endif
 
-#define BLOCK_SHIFT 2          /* a block is 2^(k + BLOCK_SHIFT) wide: two spacings */
+#define BLOCK_SHIFT 1          /* a block is 2^(k + BLOCK_SHIFT) wide: two spacings */
 #define FIXED       UINT32_MAX /* takes no colour */
 #define FAR         1e30f      /* its square is infinite */
 
@@ -197,8 +197,8 @@ static pbs_code gather_block(pbs_thin *t, const pbs_thin_set *kept, const pbs_th
         pbs_code rc = reserve_near(t, 2 * (t->near_count + n + more), err);
         return rc ? rc : (t->near_count = SIZE_MAX, PBS_OK);
     }
-    take_range(t, w, kept, b->kept, b->kept_count, NULL);
-    take_range(t, w, &t->tail, b->tail, b->tail_count, t->tail.id);
+    if (b->kept_count) take_range(t, w, kept, b->kept, b->kept_count, NULL);
+    if (b->tail_count) take_range(t, w, &t->tail, b->tail, b->tail_count, t->tail.id);
     for (uint32_t i = b->fixed; i; i = t->fixed[i - 1].next) {
         const struct pbs_thin_fixed *f = &t->fixed[i - 1];
         if (t->near_count + more + 16 > t->near_room) {
@@ -272,57 +272,38 @@ static inline void add_colour(float *to, const float *colour, float weight) {
     memcpy(to, &v, sizeof v);
 }
 
-static inline void reject(const pbs_thin *t, const pbs_thin_set *c, uint32_t i, const float p[3],
-                          size_t near, float s2, float *sum, pbs_thin_set *rejected) {
-    const float *colour = c->sum ? c->sum + 4 * (size_t)i : NULL;
-    if (colour) memcpy(rejected->sum + 4 * (size_t)rejected->count, colour, 16);
-    pbs_thin_put(rejected, c->x[i], c->y[i], c->z[i], c->id[i]);
-    if (!sum || t->near_id[near] == FIXED) return;
-    float d2 = 0;
-    for (size_t k = 0; k < 3; k++) {
-        float d = t->near[k * t->near_room + near] - p[k];
-        d2 += d * d;
-    }
-    add_colour(sum + 4 * (size_t)t->near_id[near], colour, 1 - d2 / s2);
-}
-
-/* sum: of the kept ones, if rejected ones give them their colours here. */
-static void level_run(pbs_thin *t, const pbs_thin_set *c, const run_of *r, float s2, float *sum,
+static void level_run(pbs_thin *t, const pbs_thin_set *c, const run_of *r, float s2,
                       pbs_thin_set *kept, pbs_thin_set *rejected) {
     for (uint32_t i = r->first; i < r->end; i++) {
         float p[3];
         position_of(c, i, r, p);
         f8 at[3] = {f8_all(p[0]), f8_all(p[1]), f8_all(p[2])};
-        size_t near = too_near(t, at, s2);
-        if (near < t->near_count) {
-            reject(t, c, i, p, near, s2, sum, rejected);
-            continue;
+        pbs_thin_set *to = rejected;
+        if (too_near(t, at, s2) == t->near_count) {
+            to = kept;
+            put_near(t, p[0], p[1], p[2], INFINITY, kept->count);
+            if (t->near_count % 8 == 0) end_near(t);
         }
-        put_near(t, p[0], p[1], p[2], INFINITY, kept->count);
-        if (sum) memcpy(sum + 4 * (size_t)kept->count, c->sum + 4 * (size_t)i, 16);
-        pbs_thin_put(kept, c->x[i], c->y[i], c->z[i], c->id[i]);
-        if (t->near_count % 8 == 0) end_near(t);
+        if (c->sum) memcpy(to->sum + 4 * (size_t)to->count, c->sum + 4 * (size_t)i, 16);
+        pbs_thin_put(to, c->x[i], c->y[i], c->z[i], c->id[i]);
     }
 }
 
-/* A candidate's colour to all that stay near it. */
-static inline void give_colour(const pbs_thin *t, const f8 at[3], float s2, const float *colour,
-                               float *sum) {
-    f8 s = f8_all(s2);
-    for (size_t i = 0; i < t->near_count; i += 8) {
-        float d[8];
-        f8 d2 = squares(t, i, at);
-        unsigned any = f8_less(d2, s);
-        if (!any) continue;
-        f8_put(d, d2);
-        for (; any; any &= any - 1) {
-            int j = __builtin_ctz(any);
-            if (t->near_id[i + (size_t)j] == FIXED) continue;
-            add_colour(sum + 4 * (size_t)t->near_id[i + (size_t)j], colour, 1 - d[j] / s2);
-        }
+/* A colour to those of eight that stay and are closer than s2 says. */
+static inline void give_colour(const pbs_thin *t, size_t first, f8 d2, float s2,
+                               const float *colour, float *sum) {
+    unsigned any = f8_less(d2, f8_all(s2));
+    if (!any) return;
+    float weight[8];
+    f8_put(weight, f8_sub(f8_all(1), f8_mul(d2, f8_all(1 / s2))));
+    for (; any; any &= any - 1) {
+        size_t j = (size_t)__builtin_ctz(any);
+        uint32_t id = t->near_id[first + j];
+        if (id != FIXED) add_colour(sum + 4 * (size_t)id, colour, weight[j]);
     }
 }
 
+/* Each candidate's colour to all that stay near it. */
 static pbs_code give_colours(pbs_thin *t, const pbs_thin_set *c, int k, pbs_thin_set *kept,
                              pbs_err *err) {
     run_of r = {.shift = k + BLOCK_SHIFT};
@@ -336,16 +317,17 @@ static pbs_code give_colours(pbs_thin *t, const pbs_thin_set *c, int k, pbs_thin
             float p[3];
             position_of(c, i, &r, p);
             f8 at[3] = {f8_all(p[0]), f8_all(p[1]), f8_all(p[2])};
-            give_colour(t, at, s2, c->sum + 4 * (size_t)i, kept->sum);
+            for (size_t n = 0; n < t->near_count; n += 8)
+                give_colour(t, n, squares(t, n, at), s2, c->sum + 4 * (size_t)i, kept->sum);
         }
     }
     return PBS_OK;
 }
 
-pbs_code PBS_THIN_NAME(pbs_thin_level_run)(pbs_thin *t, const pbs_thin_set *c, int k, bool quick,
+pbs_code PBS_THIN_NAME(pbs_thin_level_run)(pbs_thin *t, const pbs_thin_set *c, int k, bool first,
                                            pbs_thin_set *kept, pbs_thin_set *rejected,
                                            pbs_err *err);
-pbs_code PBS_THIN_NAME(pbs_thin_level_run)(pbs_thin *t, const pbs_thin_set *c, int k, bool quick,
+pbs_code PBS_THIN_NAME(pbs_thin_level_run)(pbs_thin *t, const pbs_thin_set *c, int k, bool first,
                                            pbs_thin_set *kept, pbs_thin_set *rejected,
                                            pbs_err *err) {
     run_of r = {.shift = k + BLOCK_SHIFT};
@@ -356,47 +338,75 @@ pbs_code PBS_THIN_NAME(pbs_thin_level_run)(pbs_thin *t, const pbs_thin_set *c, i
         next_run(c, &r);
         pbs_code rc = gather(t, kept, &r, (int64_t)1 << k, err);
         if (rc) return rc;
-        uint32_t first = kept->count;
-        level_run(t, c, &r, s2, quick ? kept->sum : NULL, kept, rejected);
+        uint32_t begin = kept->count;
+        level_run(t, c, &r, s2, kept, rejected);
         pbs_thin_block *b = find_or_add(t, r.at);
-        b->kept = first, b->kept_count = kept->count - first;
+        b->kept = begin, b->kept_count = kept->count - begin;
     }
-    return c->sum && !quick ? give_colours(t, c, k, kept, err) : PBS_OK;
+    return c->sum && !first ? give_colours(t, c, k, kept, err) : PBS_OK;
 }
 
 /* ---- what a level left over ---- */
 
-static void tail_run(pbs_thin *t, const pbs_thin_set *c, const run_of *r, int k, uint32_t *left,
+typedef struct nearest {
+    float square; /* of the distance to the nearest that asks for more than that */
+    float kept;   /* to the nearest that stays; FAR: none */
+    size_t which; /* that one */
+} nearest;
+
+static inline nearest nearest_of(const pbs_thin *t, const f8 at[3]) {
+    const float *asked = t->near + 3 * t->near_room;
+    f8 far = f8_all(FAR), best = far, kept = far, which = f8_all(0);
+    float d[8], first[8];
+    for (size_t i = 0; i < t->near_count; i += 8) {
+        f8 d2 = squares(t, i, at), square = f8_at(asked + i);
+        best = f8_min(best, f8_if_less(d2, square, d2, far));
+        f8 stays = f8_if_less(far, square, d2, far);
+        which = f8_if_less(stays, kept, f8_all((float)i), which);
+        kept = f8_min(stays, kept); /* in this order: behind the last one anything may lie */
+    }
+    nearest n = {f8_least(best), FAR, 0};
+    f8_put(d, kept);
+    f8_put(first, which);
+    for (size_t j = 0; j < 8; j++)
+        if (d[j] < n.kept) n.kept = d[j], n.which = (size_t)first[j] + j;
+    return n;
+}
+
+/* The largest k below `below` with 2^k of at most a distance. */
+static inline int level_of(float square, int below) {
+    uint32_t bits;
+    memcpy(&bits, &square, sizeof bits);
+    int k = ((int)(bits >> 23) - 127) >> 1;
+    k -= k > 11 && square < square_of(k);
+    return k < below ? k : below - 1;
+}
+
+static void tail_run(pbs_thin *t, const pbs_thin_set *c, const run_of *r, int k, float *sum,
                      int8_t *level) {
-    uint32_t n = 0;
-    for (uint32_t i = r->first; i < r->end; i++) left[n++] = i;
-    for (int l = k - 1; n && l >= 0; l--) {
-        uint32_t still = 0;
-        float s2 = square_of(l);
-        for (uint32_t a = 0; a < n; a++) {
-            uint32_t i = left[a];
-            float p[3];
-            position_of(c, i, r, p);
-            f8 at[3] = {f8_all(p[0]), f8_all(p[1]), f8_all(p[2])};
-            if (too_near(t, at, s2) < t->near_count) {
-                left[still++] = i;
-                continue;
-            }
-            level[c->id[i]] = (int8_t)l;
-            pbs_thin_put(&t->tail, c->x[i], c->y[i], c->z[i], (uint32_t)l);
-            put_near(t, p[0], p[1], p[2], s2, FIXED);
-            if (t->near_count % 8 == 0) end_near(t);
-        }
-        n = still;
+    const float s2 = square_of(k);
+    for (uint32_t i = r->first; i < r->end; i++) {
+        float p[3];
+        position_of(c, i, r, p);
+        f8 at[3] = {f8_all(p[0]), f8_all(p[1]), f8_all(p[2])};
+        nearest n = nearest_of(t, at);
+        int l = level_of(n.square, k);
+        if (sum && n.kept < s2)
+            add_colour(sum + 4 * (size_t)t->near_id[n.which], c->sum + 4 * (size_t)i,
+                       1 - n.kept / s2);
+        level[c->id[i]] = (int8_t)l;
+        pbs_thin_put(&t->tail, c->x[i], c->y[i], c->z[i], (uint32_t)l);
+        put_near(t, p[0], p[1], p[2], square_of(l), FIXED);
+        if (t->near_count % 8 == 0) end_near(t);
     }
 }
 
-pbs_code PBS_THIN_NAME(pbs_thin_tail_run)(pbs_thin *t, const pbs_thin_set *kept,
-                                          const pbs_thin_set *rejected, int k, uint32_t *left,
-                                          int8_t *level, pbs_err *err);
-pbs_code PBS_THIN_NAME(pbs_thin_tail_run)(pbs_thin *t, const pbs_thin_set *kept,
-                                          const pbs_thin_set *rejected, int k, uint32_t *left,
-                                          int8_t *level, pbs_err *err) {
+pbs_code PBS_THIN_NAME(pbs_thin_tail_run)(pbs_thin *t, pbs_thin_set *kept,
+                                          const pbs_thin_set *rejected, int k, int8_t *level,
+                                          pbs_err *err);
+pbs_code PBS_THIN_NAME(pbs_thin_tail_run)(pbs_thin *t, pbs_thin_set *kept,
+                                          const pbs_thin_set *rejected, int k, int8_t *level,
+                                          pbs_err *err) {
     run_of r = {.shift = k + BLOCK_SHIFT};
     t->tail.count = 0;
     while (r.end < rejected->count) {
@@ -404,7 +414,7 @@ pbs_code PBS_THIN_NAME(pbs_thin_tail_run)(pbs_thin *t, const pbs_thin_set *kept,
         pbs_code rc = gather(t, kept, &r, (int64_t)1 << (k ? k - 1 : 0), err);
         if (rc) return rc;
         uint32_t first = t->tail.count;
-        tail_run(t, rejected, &r, k, left, level);
+        tail_run(t, rejected, &r, k, kept->sum, level);
         pbs_thin_block *b = find(t, r.at[0], r.at[1], r.at[2]);
         b->tail = first, b->tail_count = t->tail.count - first;
     }
@@ -422,10 +432,10 @@ static bool have_avx2(void) {
 #endif
 }
 
-pbs_code pbs_thin_level_run_avx2(pbs_thin *t, const pbs_thin_set *c, int k, bool quick,
+pbs_code pbs_thin_level_run_avx2(pbs_thin *t, const pbs_thin_set *c, int k, bool first,
                                  pbs_thin_set *kept, pbs_thin_set *rejected, pbs_err *err);
-pbs_code pbs_thin_tail_run_avx2(pbs_thin *t, const pbs_thin_set *kept, const pbs_thin_set *rejected,
-                                int k, uint32_t *left, int8_t *level, pbs_err *err);
+pbs_code pbs_thin_tail_run_avx2(pbs_thin *t, pbs_thin_set *kept, const pbs_thin_set *rejected,
+                                int k, int8_t *level, pbs_err *err);
 
 pbs_code pbs_thin_set_new(pbs_run *run, size_t room, bool colours, pbs_thin_set *s, pbs_err *err) {
     memset(s, 0, sizeof *s);
@@ -509,23 +519,18 @@ static void add_fixed(pbs_thin *t, int shift) {
     }
 }
 
-pbs_code pbs_thin_level(pbs_thin *t, const pbs_thin_set *c, int k, bool quick, pbs_thin_set *kept,
+pbs_code pbs_thin_level(pbs_thin *t, const pbs_thin_set *c, int k, bool first, pbs_thin_set *kept,
                         pbs_thin_set *rejected, pbs_err *err) {
     pbs_code rc = make_table(t, c, k + BLOCK_SHIFT, err);
     if (rc) return rc;
     add_fixed(t, k + BLOCK_SHIFT);
-    return (have_avx2() ? pbs_thin_level_run_avx2 : pbs_thin_level_run)(t, c, k, quick, kept,
+    return (have_avx2() ? pbs_thin_level_run_avx2 : pbs_thin_level_run)(t, c, k, first, kept,
                                                                         rejected, err);
 }
 
-pbs_code pbs_thin_tail(pbs_thin *t, const pbs_thin_set *kept, const pbs_thin_set *rejected, int k,
+pbs_code pbs_thin_tail(pbs_thin *t, pbs_thin_set *kept, const pbs_thin_set *rejected, int k,
                        int8_t *level, pbs_err *err) {
-    uint32_t *left;
-    pbs_code rc = pbs_alloc(t->run, &left, rejected->count, sizeof *left, "a level's rest", err);
-    if (rc) return rc;
-    rc = (have_avx2() ? pbs_thin_tail_run_avx2 : pbs_thin_tail_run)(t, kept, rejected, k, left,
-                                                                    level, err);
-    pbs_free(t->run, left);
-    return rc;
+    return (have_avx2() ? pbs_thin_tail_run_avx2 : pbs_thin_tail_run)(t, kept, rejected, k, level,
+                                                                      err);
 }
 #endif

@@ -17,6 +17,8 @@
 
 #include "libcore/run.h"
 
+enum { PBS_THIN_BLOCK = 2 }; /* a level works in blocks that are 2^2 spacings wide */
+
 /* Points in Morton order of their positions. */
 typedef struct pbs_thin_set {
     int32_t *x, *y, *z; /* the range of all is below 2^31 */
@@ -65,15 +67,16 @@ static inline void pbs_thin_put(pbs_thin_set *to, int32_t x, int32_t y, int32_t 
 pbs_code pbs_thin_reserve_fixed(pbs_thin *t, size_t more, pbs_err *err);
 
 /* One level, with spacing 2^k: candidates become kept or rejected, both in the same order and with
- * room for all. Rejected ones keep their colour. quick: they give it to one of those that they are
- * too near to, and not to all; at the first of several levels that does as well, in a third of the
- * time. */
-pbs_code pbs_thin_level(pbs_thin *t, const pbs_thin_set *candidates, int k, bool quick,
+ * room for all. Rejected ones keep their colour. first: of several levels; pbs_thin_tail follows,
+ * and it is there that the rejected give their colours. */
+pbs_code pbs_thin_level(pbs_thin *t, const pbs_thin_set *candidates, int k, bool first,
                         pbs_thin_set *kept, pbs_thin_set *rejected, pbs_err *err);
 
-/* Directly after a level k: gives each of those that it rejected the coarsest below k
- * where it is far enough from all, level[id] = its exponent; distinct points have one of at least
- * 0. Levels are filled from the coarsest down, block by block. Colours stay. */
-pbs_code pbs_thin_tail(pbs_thin *t, const pbs_thin_set *kept, const pbs_thin_set *rejected, int k,
+/* Directly after the first level k: gives each of those that it rejected, one after the other, the
+ * coarsest level below k where it is far enough from all so far, level[id] = its exponent; distinct
+ * points have one of at least 0. So of each level, what is not in it is within its spacing of what
+ * is. A rejected one keeps its colour, and gives it to the nearest that stays within half a
+ * spacing: points are few there, and giving it to all costs as much as everything else. */
+pbs_code pbs_thin_tail(pbs_thin *t, pbs_thin_set *kept, const pbs_thin_set *rejected, int k,
                        int8_t *level, pbs_err *err);
 #endif

@@ -43,7 +43,7 @@ static void cloud_free(cloud *c) {
 }
 
 static void take_cell(cloud *c, pbs_clod_raw *points, const pbs_clod_cell *cell, size_t *n) {
-    const pbs_clod_point *p = pbs_clod_points(points, cell);
+    const pbs_clod_point *p = (const void *)((const char *)points + pbs_clod_at(cell));
     uint64_t i = 0;
     for (int k = PBS_CLOD_LEVELS - 2; k >= -1; k--)
         for (uint64_t end = i + cell->level[k + 1]; i < end; i++, (*n)++) {
@@ -70,6 +70,17 @@ static void take_upper(cloud *c, const pbs_clod_cells *cells, const pbs_clod_upp
         }
 }
 
+static pbs_code read_memory(void *ctx, uint64_t at, size_t size, void *to, pbs_err *e) {
+    (void)e;
+    memcpy(to, (char *)ctx + at, size);
+    return PBS_OK;
+}
+static pbs_code write_memory(void *ctx, uint64_t at, size_t size, const void *from, pbs_err *e) {
+    (void)e;
+    memcpy((char *)ctx + at, from, size);
+    return PBS_OK;
+}
+
 /* Counts, cuts, thins, and collects what came out. */
 static void levels(cloud *c, int threads, bool colours) {
     pbs_run run = {.threads = threads};
@@ -84,10 +95,11 @@ static void levels(cloud *c, int threads, bool colours) {
     uint64_t *at = calloc(cells.count + 1, sizeof *at);
     for (size_t i = 0; i < cells.count; i++) at[i] = cells.cell[i].first;
     for (size_t i = 0; i < c->count; i++) p[at[g.cell[pbs_clod_place(&g, from[i].q)]]++] = from[i];
-    CHECK(!pbs_clod_cut(&run, p, &cells, &err));
-    CHECK(!pbs_clod_thin(&run, p, &cells, colours, NULL, NULL, &err));
+    CHECK(!pbs_clod_cut(&run, p, &cells, NULL, NULL, &err));
+    const pbs_clod_store store = {p, read_memory, write_memory};
+    CHECK(!pbs_clod_thin(&run, &store, &cells, colours, &err));
     int top = c->bits > 3 ? c->bits - 3 : 0;
-    CHECK(!pbs_clod_thin_upper(&run, p, &cells, top, colours, &u, &err));
+    CHECK(!pbs_clod_thin_upper(&run, &store, &cells, top, colours, &u, &err));
     size_t n = 0, *begin = calloc(cells.count + 1, sizeof *begin);
     for (size_t i = 0; i < cells.count; i++) begin[i] = n, take_cell(c, p, &cells.cell[i], &n);
     CHECK(n == c->count);
@@ -377,7 +389,9 @@ static void check_colours(bool checker) {
     for (int k = 9; k <= 11; k++) {
         double mean, picked;
         colour_errors(&c, k, &mean, &picked);
-        CHECK_NUM(mean < (checker ? 0.25 : 0.85) * picked, mean / picked);
+        /* The first level that has means gets each colour once, at the nearest. */
+        double most = k == 9 ? (checker ? 0.3 : 0.85) : (checker ? 0.1 : 0.6);
+        CHECK_NUM(mean < most * picked, mean / picked);
     }
     free(c.raw);
     cloud_free(&in);

@@ -42,7 +42,7 @@ static size_t read_all(const char *path, double (*p)[3], uint16_t (*colour)[3],
         return 0;
     }
     size_t n = (size_t)c.count;
-    for (size_t i = 0; i < n; i++) pbs_cloud_read(&c, i, 1, p + i, colour + i);
+    for (size_t i = 0; i < n; i++) CHECK(!pbs_cloud_read(&c, i, 1, p + i, colour + i, &err));
     for (size_t i = 0; i < n; i++)
         for (int k = 0; k < 3; k++) p[i][k] = c.offset[k] + c.scale[k] * p[i][k];
     *kind = c.colour;
