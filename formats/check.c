@@ -1,5 +1,6 @@
 #include "formats/check.h"
 #include "formats/archive.h"
+#include "formats/check_points.h"
 #include "formats/check_voxels.h"
 #include "formats/meshbuild.h"
 #include "formats/scene.h"
@@ -217,6 +218,8 @@ static pbs_code check_all(state *s, pbs_err *err) {
         rc = pbs_fail(err, PBS_DATA, "%s: a material has a texture that is not there", s->name);
     if (!rc && !s->out->nodes) rc = pbs_fail(err, PBS_DATA, "%s: no node in it", s->name);
     if (!rc) rc = check_promises(s, err);
+    if (!rc && s->archive && s->entries && s->record.stride)
+        rc = pbs_check_clouds(s->run, s->r, &s->record, s->entries, s->entry_count, err);
     return rc || !s->voxels ? rc
                             : pbs_voxel_check_end(s->voxels, s->materials, s->entries ? s->r : NULL,
                                                   s->entries, err);

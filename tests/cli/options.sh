@@ -1,5 +1,5 @@
 # Options: forms, help, what is refused.
-for t in pbs-import pbs-gbuffer pbs-sample pbs-flatten pbs-info pbs-compare pbs-view; do
+for t in pbs-import pbs-gbuffer pbs-sample pbs-flatten pbs-info pbs-compare pbs-export pbs-view; do
     $t --version
     $t --help | head -2
 done
