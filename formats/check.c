@@ -9,6 +9,7 @@ typedef struct node_state {
     uint64_t records;  /* seen so far */
     uint64_t promised; /* by the node; in archives it comes first */
     uint64_t entries;  /* of octaves, seen so far */
+    uint64_t meshed;   /* triangles of an archive's meshes, seen so far */
     uint32_t tag;      /* of the chunks that its records are in */
     pbs_lattice lattice;
 } node_state;
@@ -25,6 +26,7 @@ typedef struct state {
     node_state *nodes;
     size_t cap;
     uint32_t textures, materials; /* so far */
+    uint64_t textures_end;        /* those that materials name are below */
     pbs_checked *out;
 } state;
 
@@ -114,9 +116,13 @@ static pbs_code check_node(state *s, const pbs_chunk *c, pbs_err *err) {
     return rc;
 }
 
+/* In archives a node has meshes beside its records. */
 static pbs_code check_mesh(state *s, const pbs_chunk *c, pbs_err *err) {
     pbs_mesh m;
-    s->nodes[c->node].records += c->count;
+    node_state *n = &s->nodes[c->node];
+    if (s->archive && c->first != n->meshed) return bad(s, c, "does not follow those before", err);
+    n->meshed += c->count;
+    if (!s->archive) n->records += c->count;
     s->out->records += c->count;
     pbs_code rc = pbs_mesh_parse(s->name, c, &m, err);
     if (!rc && !pbs_mesh_materials_fit(&m, s->materials))
@@ -124,12 +130,21 @@ static pbs_code check_mesh(state *s, const pbs_chunk *c, pbs_err *err) {
     return rc;
 }
 
-/* Textures stay behind in the scene. */
+static void note_use(state *s, const pbs_texture_use *u) {
+    if (u->texture != PBS_NONE && u->texture >= s->textures_end)
+        s->textures_end = (uint64_t)u->texture + 1;
+}
+
+/* In streams of voxels textures stay behind in the scene; in archives they come at the end. */
 static pbs_code check_material(state *s, const pbs_chunk *c, pbs_err *err) {
     pbs_material m;
     uint32_t textures = pbs_reader_kind(s->r) == PBS_SCENE ? s->textures : PBS_NONE;
     bool ok = c->node == s->materials++ && pbs_material_parse(c, textures, &m);
-    return ok ? PBS_OK : bad(s, c, "is not a material", err);
+    if (!ok) return bad(s, c, "is not a material", err);
+    note_use(s, &m.base_texture);
+    note_use(s, &m.material_texture);
+    note_use(s, &m.emissive_texture);
+    return PBS_OK;
 }
 
 static pbs_code check_texture(state *s, const pbs_chunk *c, pbs_err *err) {
@@ -139,9 +154,10 @@ static pbs_code check_texture(state *s, const pbs_chunk *c, pbs_err *err) {
 
 /* A chunk of a node's data is where its node is, and all of the node's records are of one sort. */
 static pbs_code check_data(state *s, const pbs_chunk *c, pbs_err *err) {
-    bool record = c->tag == PBS_TAG_POINTS || c->tag == PBS_TAG_MESH || c->tag == PBS_TAG_VOXELS;
+    bool mesh = c->tag == PBS_TAG_MESH;
+    bool record = c->tag == PBS_TAG_POINTS || (mesh && !s->archive) || c->tag == PBS_TAG_VOXELS;
     pbs_code rc = PBS_OK;
-    if (!record && c->tag != PBS_TAG_OCTAVES && c->tag != PBS_TAG_FACES) return PBS_OK;
+    if (!record && !mesh && c->tag != PBS_TAG_OCTAVES && c->tag != PBS_TAG_FACES) return PBS_OK;
     if (s->archive && c->node >= s->out->nodes)
         return bad(s, c, "there is no such node before it", err);
     if (!s->archive) {
@@ -170,6 +186,9 @@ static pbs_code check_chunk(state *s, const pbs_chunk *c, pbs_err *err) {
 
 static pbs_code check_promises(const state *s, pbs_err *err) {
     pbs_record entry = pbs_octave_record(s->record.channels);
+    if (s->archive && s->textures && s->textures_end > s->textures)
+        return pbs_fail(err, PBS_DATA, "%s: a material names texture %llu, which is not there",
+                        s->name, (unsigned long long)s->textures_end - 1);
     for (uint64_t i = 0; i < s->out->nodes; i++) {
         uint64_t entries = s->nodes[i].entries;
         if (entries && entries != pbs_octave_entries(&entry, s->nodes[i].records))
