@@ -15,7 +15,17 @@ pbs_code pbs_pack_new(pbs_run *run, pbs_pack **out, pbs_err *err) {
         *out = NULL;
     else
         **out = (pbs_pack){.run = run, .cloud_input = PACK_NOWHERE};
+    if (!rc) pbs_trim_open(run, &(*out)->trim);
     return rc;
+}
+
+/* All that lies between the first chunk and the last: it is read in order, more than once. */
+static void watch(pbs_pack *p, const pack_input *in) {
+    if (!in->entry_count || !pbs_reader_mapped(in->reader)) return;
+    const pbs_chunk *last = &in->entries[in->entry_count - 1];
+    const uint8_t *first = pbs_reader_peek(in->reader, in->entries);
+    const uint8_t *end = pbs_reader_peek(in->reader, last);
+    if (first && end > first) pbs_trim_add(&p->trim, first, (size_t)(end - first));
 }
 
 static void free_input(pbs_run *run, pack_input *in) {
@@ -30,6 +40,7 @@ static void free_input(pbs_run *run, pack_input *in) {
 void pbs_pack_free(pbs_pack *p) {
     if (!p) return;
     pbs_run *run = p->run;
+    pbs_trim_close(&p->trim);
     pbs_writer_close(p->w);
     pbs_cloudpack_free(p->cloud);
     for (size_t i = 0; i < p->cloud_count; i++) pbs_cloud_close(&p->clouds[i]);
@@ -123,7 +134,10 @@ static pbs_code add_scene(pbs_pack *p, pbs_input *file, const char *path, pbs_er
     in->reader = in->scene.reader;
     for (int i = 0; i < PBS_SKIP_KINDS; i++) p->stats.skipped[i] += in->scene.skipped[i];
     if (!p->stats.scene) p->stats.scene = pbs_reader_name(in->reader);
-    return pbs_reader_directory(in->reader, &in->entries, &in->entry_count, err);
+    rc = pbs_reader_directory(in->reader, &in->entries, &in->entry_count, err);
+    if (!rc) watch(p, in);
+    pbs_trim_now(&p->trim);
+    return rc;
 }
 
 static pbs_code read_channels(pack_input *in, pbs_err *err) {
@@ -150,6 +164,7 @@ static pbs_code add_stream(pbs_pack *p, pbs_input *file, pbs_err *err) {
     in->reader = r;
     rc = read_channels(in, err);
     if (!rc) rc = pbs_reader_directory(r, &in->entries, &in->entry_count, err);
+    if (!rc) watch(p, in);
     return rc ? rc : pack_take(p, p->input_count - 1, err);
 }
 
@@ -297,6 +312,7 @@ static pbs_code write_down(pbs_pack *p, bool meshes, pbs_err *err) {
             pbs_run_progress(p->run, meshes ? "writing meshes" : "writing", ++done, p->entry_count);
             rc = pbs_run_check(p->run, err);
             if (!rc) rc = (meshes ? pack_write_meshes : pack_write_points)(p, e, err);
+            pbs_trim_now(&p->trim);
         }
     }
     return rc;
@@ -314,6 +330,7 @@ static pbs_code write_voxels(pbs_pack *p, bool meshes, pbs_err *err) {
         rc = meshes ? pack_write_meshes(p, e, err)
                     : pbs_voxels_pack(p->run, &s, &e->voxels, p->w, e->number, p->out_voxels, err);
         if (!meshes) p->stats.voxels += e->voxels.voxels;
+        pbs_trim_now(&p->trim);
     }
     return rc;
 }

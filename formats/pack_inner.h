@@ -79,6 +79,7 @@ struct pbs_pack {
     size_t spool_count, spool_cap;
     uint8_t *payload; /* of a mesh that is changed */
     size_t payload_cap;
+    pbs_trim trim;   /* of the inputs' maps */
     uint64_t others; /* chunks that this program does not know */
     pbs_writer *w;
     pbs_pack_stats stats;

@@ -64,6 +64,7 @@ pbs_code pack_choose_lattice(pbs_pack *p, pack_entry *e, pbs_err *err) {
     memcpy(e->node.lattice_min, l.min, sizeof l.min);
     e->node.lattice = l.step;
     pbs_points_free(p->run, &points);
+    pbs_trim_now(&p->trim);
     return PBS_OK;
 }
 

@@ -46,6 +46,7 @@ static pbs_code add_node(pbs_pack *p, pack_entry e, const pbs_chunk *at, const c
     rc = check_counts(in, &e, n, err);
     pbs_voxel_source s = pack_voxel_source(p, &e);
     if (!rc && n->voxels) rc = pbs_voxels_survey(&s, &e.voxels, err);
+    pbs_trim_now(&p->trim);
     e.octaves = n->octaves;
     e.has_points = n->points != 0;
     for (uint32_t k = 0; k < e.node.child_count; k++)
