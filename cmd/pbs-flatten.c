@@ -31,6 +31,11 @@ static void report_scenes(pbs_app *app, const pbs_pack_stats *s) {
     pbs_stat_count(app, "triangles", s->triangles);
     pbs_stat_count(app, "triangles_homeless", s->homeless);
     pbs_stat_count(app, "triangles_flat", s->flat);
+    if (s->matched < s->scenes && (s->surfels || s->voxels))
+        pbs_note(app,
+                 "%llu of %llu scenes are not what the surfels or voxels were made from, and "
+                 "stand for themselves",
+                 (unsigned long long)(s->scenes - s->matched), (unsigned long long)s->scenes);
     if (s->homeless)
         pbs_note(app, "%llu triangles are near no voxel, and are not in the archive",
                  (unsigned long long)s->homeless);

@@ -133,6 +133,7 @@ static pbs_code add_scene(pbs_pack *p, pbs_input *file, const char *path, pbs_er
     if (rc) return rc;
     in->reader = in->scene.reader;
     for (int i = 0; i < PBS_SKIP_KINDS; i++) p->stats.skipped[i] += in->scene.skipped[i];
+    p->stats.scenes++;
     if (!p->stats.scene) p->stats.scene = pbs_reader_name(in->reader);
     rc = pbs_reader_directory(in->reader, &in->entries, &in->entry_count, err);
     if (!rc) watch(p, in);
@@ -149,11 +150,12 @@ static pbs_code read_channels(pack_input *in, pbs_err *err) {
     return rc;
 }
 
+/* A scene does not come here, but the message of what does names it. */
 static pbs_code add_stream(pbs_pack *p, pbs_input *file, pbs_err *err) {
+    const uint32_t kinds = PBS_KIND(PBS_SURFELS) | PBS_KIND(PBS_VOXELS) | PBS_KIND(PBS_SCENE);
     pack_input *in;
     pbs_reader *r;
-    pbs_code rc =
-        pbs_reader_open(p->run, file, PBS_KIND(PBS_SURFELS) | PBS_KIND(PBS_VOXELS), &r, err);
+    pbs_code rc = pbs_reader_open(p->run, file, kinds, &r, err);
     if (rc) return rc;
     pack_kind kind = pbs_reader_kind(r) == PBS_VOXELS ? PACK_VOXELS : PACK_SURFELS;
     rc = add_input(p, kind, &in, err);

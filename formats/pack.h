@@ -1,5 +1,5 @@
 /* pack.h: any of surfels, voxels, point clouds and source geometry become one archive, in the order
- * in which a player wants it (paper 1, section 4.3, and paper 3, section 3.2, read files so).
+ * in which a player wants it: what is coarse first, so that every beginning is a model.
  *
  * Inputs. A stream of surfels, a stream of voxels, a scene (a stream, or any file that
  * pbs_scene_open reads), a point cloud (any that pbs_cloud_open reads). What a file is, its bytes
@@ -10,11 +10,12 @@
  * root above them, which places each where it is. A scene brings none if it is known in another
  * input, whose nodes get its meshes then, beside their surfels or voxels:
  *
- *     surfels  whose nodes are the scene's: as many, with the same names (but the root's),
- * children, placings and triangles, and around the same boxes where they are parts. A mesh belongs
- * to the node it had in the scene. voxels   with as many triangles at their root as the scene has,
- * in a grid that holds the scene. Instances are unfolded: a node of the finest level has each
- * triangle that touches its cells or the layer of one cell around them.
+ *   - of surfels, if its nodes are the scene's: as many, with the same children, placings and
+ *     triangles, and around the same boxes where they are parts; names do not matter. A mesh
+ *     belongs to the node that it had in the scene.
+ *   - of voxels, if as many triangles are at its root as the scene has, and its grid holds the
+ *     scene. Instances are unfolded: a node of the finest level has each triangle that touches
+ *     its cells or the layer of one cell around them.
  *
  * The first stream of each of the two sorts that is the scene's and has no other is taken, and both
  * may be. A scene that nothing is made from becomes a node like the others, with its meshes.
@@ -43,7 +44,7 @@ typedef struct pbs_pack_stats {
     uint64_t nodes, same;       /* of the archive; left out because an equal one is there */
     uint64_t surfels, voxels;   /* stored */
     uint64_t meshes, triangles; /* stored, in every node that they are in */
-    uint64_t matched;           /* scenes whose meshes went to other inputs' nodes */
+    uint64_t scenes, matched;   /* inputs; those whose meshes went to other inputs' nodes */
     uint64_t homeless; /* triangles, of every instance, that are near no node with voxels */
     uint64_t flat;     /* and so small, or large, that a node's numbers leave nothing of them */
     uint64_t skipped[PBS_SKIP_KINDS]; /* what of scenes that were imported was no triangle */

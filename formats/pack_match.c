@@ -4,10 +4,6 @@
 #include <math.h>
 #include <string.h>
 
-static bool same_text(const char *a, const char *b) {
-    return !strcmp(a ? a : "", b ? b : "");
-}
-
 /* ---- surfels ---- */
 
 /* Sums of the same numbers in another order. */
@@ -28,21 +24,18 @@ static bool same_children(const pbs_node *a, const pbs_node *b, size_t first) {
     if (a->child_count != b->child_count) return false;
     for (uint32_t i = 0; i < a->child_count; i++) {
         const pbs_child *x = &a->children[i], *y = &b->children[i];
-        if (x->node + first != y->node || x->flags != y->flags || !same_text(x->name, y->name) ||
-            memcmp(x->m, y->m, sizeof x->m))
+        if (x->node + first != y->node || x->flags != y->flags || memcmp(x->m, y->m, sizeof x->m))
             return false;
     }
     return true;
 }
 
-/* The root may have got its file's name, and an assembly a closer box. */
+/* An assembly may have got a closer box; and names come from files', or pipes that have none. */
 static bool is_made_from(const pbs_pack *p, const pack_input *in, const pbs_scene *s) {
     if (in->kind != PACK_SURFELS || in->node_count != s->node_count) return false;
     for (size_t i = 0; i < s->node_count; i++) {
         const pbs_node *a = &s->nodes[i], *b = &p->entries[in->first_node + i].node;
-        bool root = i + 1 == s->node_count;
         if (a->triangles != b->triangles || !same_children(a, b, in->first_node) ||
-            (!root && !same_text(a->name, b->name)) ||
             (!a->child_count && !same_box(&a->box, &b->box)))
             return false;
     }
