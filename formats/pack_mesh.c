@@ -51,6 +51,7 @@ pbs_code pack_write_meshes(pbs_pack *p, const pack_entry *e, pbs_err *err) {
     if (e->mesh_input == PACK_NOWHERE) return PBS_OK;
     bool same = keeps_materials(&p->inputs[e->mesh_input]) && e->shift[0] == 0 &&
                 e->shift[1] == 0 && e->shift[2] == 0;
+    uint64_t first = 0;
     pbs_code rc = PBS_OK;
     for (size_t i = 0; i < e->mesh_count && !rc; i++) {
         pbs_chunk c;
@@ -59,6 +60,8 @@ pbs_code pack_write_meshes(pbs_pack *p, const pack_entry *e, pbs_err *err) {
         if (!rc && !same) rc = change(p, e, &c, err);
         pbs_piece piece = {same ? c.payload : p->payload, (size_t)c.bytes};
         c.node = e->number;
+        c.first = (uint32_t)first;
+        first += c.count;
         if (!rc) rc = pbs_writer_chunk(p->w, &c, &piece, 1, err);
         p->stats.meshes++;
         p->stats.triangles += c.count;
