@@ -25,7 +25,7 @@ pbs_code pbs_archive_parse(const char *place, const char *text, pbs_record *poin
         return pbs_fail(err, PBS_DATA, "%s: channels that this program does not know: %s", place,
                         text);
     if (second) rc = pbs_voxels_parse(place, second, voxels, err);
-    if (rc || (second && !n)) return rc;
+    if (rc || !n) return rc; /* an archive of meshes has neither */
     snprintf(first, sizeof first, "%.*s", (int)(n - (second != NULL)), text);
     rc = pbs_record_parse(place, first, points, err);
     if (!rc && !points->packed) rc = pbs_fail(err, PBS_DATA, "%s: not an archive's records", place);

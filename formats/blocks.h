@@ -68,6 +68,10 @@ pbs_code pbs_nearby_visit(const pbs_nearby *n, pbs_nearby_fn fn, void *ctx, pbs_
 /* Adds them to a block, which has begun at that corner. */
 pbs_code pbs_nearby_add(const pbs_nearby *n, pbs_block *block, pbs_err *err);
 
+/* Whether a triangle is surely apart from the box around 0 that reaches so far along each axis.
+ * Never if they touch. */
+bool pbs_triangle_misses(const double corner[3][3], const double half[3]);
+
 typedef struct pbs_blocks_stats {
     uint64_t parts_known,
         parts_unknown;     /* unique parts with meshes: is it known which side is out? */

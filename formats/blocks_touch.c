@@ -13,7 +13,7 @@ static bool are_beyond(double a, double b, double c, double reach) {
 
 /* Whether an axis separates a triangle from the box around 0: those of the box, across the edges,
  * the normal. Never if they touch. */
-static bool are_apart(const double p[3][3], const double half[3]) {
+bool pbs_triangle_misses(const double p[3][3], const double half[3]) {
     double e[3][3], n[3], size = 0, reach = 0, at[3] = {0};
     for (int k = 0; k < 3; k++) {
         if (are_beyond(p[0][k], p[1][k], p[2][k], half[k])) return true;
@@ -59,7 +59,7 @@ bool walk_cluster_touches(pbs_blocks *b, const walk_entry *e, const uint32_t at[
                 p[i][r] =
                     w.m[4 * r] * q[0] + w.m[4 * r + 1] * q[1] + w.m[4 * r + 2] * q[2] + middle[r];
         }
-        if (!are_apart((const double(*)[3])p, half)) return true;
+        if (!pbs_triangle_misses((const double(*)[3])p, half)) return true;
     }
     return false;
 }

@@ -119,6 +119,7 @@ static pbs_code check_node(state *s, const pbs_chunk *c, pbs_err *err) {
     return rc;
 }
 
+/* In archives a node has meshes beside its records. */
 static pbs_code check_mesh(state *s, const pbs_chunk *c, pbs_err *err) {
     pbs_mesh m;
     node_state *n = &s->nodes[c->node];
@@ -187,6 +188,9 @@ static pbs_code check_chunk(state *s, const pbs_chunk *c, pbs_err *err) {
 
 static pbs_code check_promises(const state *s, pbs_err *err) {
     pbs_record entry = pbs_octave_record(s->record.channels);
+    if (s->archive && s->textures && s->textures_end > s->textures)
+        return pbs_fail(err, PBS_DATA, "%s: a material names texture %llu, which is not there",
+                        s->name, (unsigned long long)s->textures_end - 1);
     for (uint64_t i = 0; i < s->out->nodes; i++) {
         uint64_t entries = s->nodes[i].entries;
         if (entries && entries != pbs_octave_entries(&entry, s->nodes[i].records))

@@ -34,6 +34,26 @@ typedef struct pbs_cloudpack_stats {
 pbs_code pbs_cloudpack(pbs_run *run, const pbs_cloud *clouds, size_t count,
                        const pbs_writer_desc *desc, pbs_cloudpack_stats *stats, pbs_err *err);
 
+/* ---- the same in steps, for an archive that has more in it (pack.h) ---- */
+
+typedef struct pbs_cloudpack_parts pbs_cloudpack_parts;
+
+/* Everything up to the nodes; nothing is written. The clouds stay open until it is freed. */
+pbs_code pbs_cloudpack_make(pbs_run *run, const pbs_cloud *clouds, size_t count,
+                            pbs_cloudpack_parts **out, pbs_err *err);
+void pbs_cloudpack_free(pbs_cloudpack_parts *p); /* NULL is fine */
+uint32_t pbs_cloudpack_nodes(const pbs_cloudpack_parts *p);
+pbs_node pbs_cloudpack_root(const pbs_cloudpack_parts *p); /* without children */
+uint32_t pbs_cloudpack_channels(const pbs_cloudpack_parts *p);
+uint64_t pbs_cloudpack_chunks(const pbs_cloudpack_parts *p); /* that will be written, nodes too */
+/* All but `bytes`. */
+void pbs_cloudpack_count(const pbs_cloudpack_parts *p, pbs_cloudpack_stats *stats);
+/* Its nodes as number `first` on, children before parents, the root last; then, when all nodes of
+ * the archive are there, its points, as records of at least its channels. */
+pbs_code pbs_cloudpack_write_nodes(pbs_cloudpack_parts *p, pbs_writer *w, uint32_t first,
+                                   pbs_err *err);
+pbs_code pbs_cloudpack_write_points(pbs_cloudpack_parts *p, const pbs_record *record, pbs_err *err);
+
 /* ---- what its files share ---- */
 
 /* position = origin + step * q */

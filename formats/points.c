@@ -179,6 +179,20 @@ pbs_code pbs_records_write(pbs_run *run, pbs_writer *w, uint32_t tag, const pbs_
     return rc;
 }
 
+void pbs_points_blank(const pbs_record *r, uint8_t *to) {
+    static const struct {
+        uint32_t channel;
+        uint8_t value[4];
+    } blank[] = {{PBS_NORMAL, {0, 0x80, 0, 0x80}}, /* PBS_NO_NORMAL, twice */
+                 {PBS_COLOUR, {255, 255, 255, 255}},
+                 {PBS_MATERIAL, {0, 255, 0, 0}},
+                 {PBS_EMISSIVE, {0, 0, 0, 0}}};
+    for (size_t i = 0; i < sizeof blank / sizeof blank[0]; i++) {
+        int at = pbs_record_at(r, blank[i].channel);
+        if (at >= 0) memcpy(to + at, blank[i].value, 4);
+    }
+}
+
 static void unpack_lattice(const pbs_record *r, const uint8_t *from, size_t n, pbs_points *p,
                            const pbs_lattice *l) {
     const uint8_t *spacing = from + pbs_record_at(r, PBS_SPACING);

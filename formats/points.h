@@ -58,6 +58,10 @@ static inline uint64_t pbs_points_chunks(uint64_t count, uint32_t limit) {
 pbs_code pbs_points_fit(const char *place, const pbs_record *r, const pbs_chunk *chunk,
                         uint64_t have, pbs_err *err);
 
+/* A record's channels that its point has not: white, rough, not metallic, dark, no normal. *to,
+ * with room for a record; position and spacing are left alone. */
+void pbs_points_blank(const pbs_record *r, uint8_t *to);
+
 /* What is wrong with the values of points `first` on, or NULL: a position that is not finite, a
  * spacing that is no distance. */
 const char *pbs_points_fault(const pbs_points *p, size_t first);

@@ -91,6 +91,10 @@ typedef struct pbs_scene {
  * imported to a spool on the way. Everything is checked. */
 pbs_code pbs_scene_open(pbs_run *run, const char *path, const pbs_scene_options *options,
                         pbs_scene *out, pbs_err *err);
+/* The same for an input that is open already; takes it over, also on error. path: as pbs_input_open
+ * got it. */
+pbs_code pbs_scene_open_input(pbs_run *run, pbs_input *in, const char *path,
+                              const pbs_scene_options *options, pbs_scene *out, pbs_err *err);
 /* The provenance of the scene for the next header: whole lines. */
 const char *pbs_scene_history(const pbs_scene *s);
 /* The root's name, or that of the file that the scene was imported from; "" if that was a pipe. */

@@ -215,29 +215,35 @@ static pbs_code import_spool(pbs_run *run, pbs_input *in, const char *path,
     return rc;
 }
 
-pbs_code pbs_scene_open(pbs_run *run, const char *path, const pbs_scene_options *options,
-                        pbs_scene *s, pbs_err *err) {
+pbs_code pbs_scene_open_input(pbs_run *run, pbs_input *in, const char *path,
+                              const pbs_scene_options *options, pbs_scene *s, pbs_err *err) {
     memset(s, 0, sizeof *s);
     s->run = run;
     s->options = options ? *options : PBS_SCENE_DEFAULTS;
     s->channels = PBS_NORMAL;
-    pbs_input in, scene;
+    pbs_input scene;
     const uint8_t *head;
     size_t n;
-    pbs_code rc = pbs_input_open(run, path, &in, err);
-    if (rc) return rc;
-    rc = pbs_input_peek(&in, &head, &n, err);
+    pbs_code rc = pbs_input_peek(in, &head, &n, err);
     if (!rc && !pbs_is_container(head, n)) {
-        rc = import_spool(run, &in, path, &s->options, &scene, err);
-        pbs_input_close(&in);
-        if (!rc) in = scene;
+        rc = import_spool(run, in, path, &s->options, &scene, err);
+        pbs_input_close(in);
+        if (!rc) *in = scene;
     }
     if (rc)
-        pbs_input_close(&in);
+        pbs_input_close(in);
     else
-        rc = open_stream(s, &in, err);
+        rc = open_stream(s, in, err);
     if (rc) pbs_scene_close(s);
     return rc;
+}
+
+pbs_code pbs_scene_open(pbs_run *run, const char *path, const pbs_scene_options *options,
+                        pbs_scene *s, pbs_err *err) {
+    pbs_input in;
+    memset(s, 0, sizeof *s);
+    pbs_code rc = pbs_input_open(run, path, &in, err);
+    return rc ? rc : pbs_scene_open_input(run, &in, path, options, s, err);
 }
 
 const char *pbs_scene_history(const pbs_scene *s) {

@@ -15,8 +15,12 @@ static pbs_code faces_of(const pbs_voxel_source *s, const pbs_chunk *c, uint64_t
     return PBS_OK;
 }
 
-static void copy_faces(uint32_t *to, const uint32_t *from, size_t n, uint32_t materials) {
-    for (size_t i = 0; i < n; i++) to[i] = from[i] == PBS_NONE ? PBS_NONE : from[i] + materials;
+static bool copy_faces(const pbs_voxel_source *s, uint32_t *to, const uint32_t *from, size_t n) {
+    for (size_t i = 0; i < n; i++) {
+        if (from[i] != PBS_NONE && from[i] >= s->materials) return false;
+        to[i] = from[i] == PBS_NONE ? PBS_NONE : s->material[from[i]];
+    }
+    return true;
 }
 
 static pbs_code survey_voxels(const pbs_voxel_source *s, const pbs_chunk *c, int64_t *last,
@@ -131,8 +135,8 @@ static pbs_code pack_faces(const pbs_voxel_source *s, const pbs_voxel_survey *su
             n = n < c.count - at ? n : c.count - at;
             if (survey->colour)
                 memcpy(buffer + count, faces + at, 4 * n);
-            else
-                copy_faces(buffer + count, faces + at, n, s->materials);
+            else if (!copy_faces(s, buffer + count, faces + at, n))
+                return bad(s, &c, "a face names a material that is not there", err);
             count += n;
             if (count < PBS_VOXELS_CHUNK && written + count < survey->faces) continue;
             if ((rc = pbs_faces_write(w, node, survey->colour, buffer, count, written, err)))

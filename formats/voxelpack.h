@@ -12,7 +12,8 @@ typedef struct pbs_voxel_source {
     uint32_t channels;        /* of the stream */
     const pbs_chunk *entries; /* of its directory */
     size_t first, end;        /* the node's chunks are among these */
-    uint32_t materials;       /* by which its numbers of materials move up */
+    const uint32_t *material; /* the new number of each of its materials */
+    uint32_t materials;       /* how many there are; a survey does not need them */
 } pbs_voxel_source;
 
 typedef struct pbs_voxel_survey {
@@ -29,7 +30,8 @@ uint64_t pbs_voxels_pack_chunks(const pbs_voxel_survey *survey);
 
 /* Writes the node as number `node` with those channels, weight not among them. What the stream
  * lacks is white, rough, not metallic, dark, without a normal (0) and without attributes of faces
- * (PBS_NONE). Takes memory for one chunk. Errors: PBS_LIMIT, PBS_IO. */
+ * (PBS_NONE). Takes memory for one chunk. Errors: PBS_DATA for a material that is not there;
+ * PBS_LIMIT, PBS_IO. */
 pbs_code pbs_voxels_pack(pbs_run *run, const pbs_voxel_source *s, const pbs_voxel_survey *survey,
                          pbs_writer *w, uint32_t node, uint32_t channels, pbs_err *err);
 #endif

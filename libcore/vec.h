@@ -82,6 +82,7 @@ static inline int16_t pbs_snorm16(float v) {
     v = v > 1 ? 1 : v < -1 ? -1 : v;
     return (int16_t)(v * 32767.0f + (v < 0 ? -0.5f : 0.5f));
 }
+#define PBS_NO_NORMAL (-32768) /* both numbers: there is none; no direction is written so */
 static inline void pbs_oct_encode(int16_t out[2], const float n[3]) {
     float s = fabsf(n[0]) + fabsf(n[1]) + fabsf(n[2]);
     if (!(s > 0) || !(s < INFINITY)) {

@@ -36,7 +36,8 @@ struct Look {
 
 Look look_at(uint w, ivec4 field) {
     Look l = Look(vec3(0), vec3(1), vec3(0), vec2(0, 1));
-    if (field.x >= 0)
+    // 0x80008000: it has none, as points of clouds; its disc faces the viewer.
+    if (field.x >= 0 && word[w + uint(field.x)] != 0x80008000u)
         l.normal = normalize(octahedral_normal(unpackSnorm2x16(word[w + uint(field.x)])));
     if (field.y >= 0) l.albedo = linear_from_srgb(unpackUnorm4x8(word[w + uint(field.y)]).rgb);
     if (field.z >= 0) l.material = unpackUnorm4x8(word[w + uint(field.z)]).xy;
@@ -62,7 +63,7 @@ void main() {
     at = corner[gl_VertexID % 3];
     vec3 c = to_view * vec4(word[w] & 0xffffu, word[w] >> 16, word[w + 1u] & 0xffffu, 1.0);
     vec3 v = -normalize(c), n = v, local = v * disc_to_view;
-    if (fine_field.x >= 0) {
+    if (look.normal != vec3(0)) {
         local = look.normal;
         n = to_view_normal * local;
     }

@@ -46,9 +46,6 @@ for f in cut.ply cut.pts cut.las a.laz a.e57 a.obj mesh.ply none.xyz word.xyz li
     status pbs-flatten $f -o x.pbs
 done
 status pbs-flatten a.xyz xyz.pbs -o x.pbs
-"$PBS_BUILD/tests/mkvoxels" 64 "" >a.vox
-status pbs-flatten a.xyz a.vox -o x.pbs
-status pbs-flatten a.vox a.xyz -o x.pbs
 masked 's/: .*: -m/: -m/; s/at least .*/at least N/' pbs-flatten a.xyz -m 7Mi -o x.pbs
 ls x.* 2>/dev/null
 rm -f ./*.json

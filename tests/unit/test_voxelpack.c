@@ -42,7 +42,9 @@ static blob stream(uint32_t channels, bool colour) {
 /* The stream's node packed as node 7 of another file with those channels. */
 static blob pack(blob from, uint32_t have, uint32_t want, uint32_t materials) {
     pbs_input in;
-    pbs_voxel_source s = {.channels = have, .materials = materials};
+    uint32_t map[COUNT];
+    for (uint32_t i = 0; i < COUNT; i++) map[i] = i + materials;
+    pbs_voxel_source s = {.channels = have, .material = map, .materials = COUNT};
     pbs_voxel_survey survey;
     char text[512];
     pbs_archive_text(&(pbs_record){0}, want, text);
@@ -94,6 +96,25 @@ TEST(everything_arrives) {
         check_packed(to, have, want, k & 2, 50);
         free(from.bytes), free(to.bytes);
     }
+    CHECK(pbs_mem_used(&run) == 0);
+}
+
+TEST(materials_are_there) {
+    blob from = stream(PBS_POSITION | PBS_WEIGHT | PBS_FACE, false);
+    pbs_input in;
+    uint32_t map[COUNT] = {0};
+    pbs_voxel_source s = {
+        .channels = PBS_POSITION | PBS_WEIGHT | PBS_FACE, .material = map, .materials = COUNT - 1};
+    pbs_voxel_survey survey;
+    open_blob(&run, from, false, &in);
+    must(pbs_reader_open(&run, &in, PBS_KIND(PBS_VOXELS), &s.reader, &err), &err);
+    must(pbs_reader_directory(s.reader, &s.entries, &s.end, &err), &err);
+    must(pbs_voxels_survey(&s, &survey, &err), &err);
+    pbs_writer *w = spool_writer(&run, PBS_ARCHIVE, "place:u8x4 face:u32", 2);
+    CHECK(pbs_voxels_pack(&run, &s, &survey, w, 7, PBS_POSITION | PBS_FACE, &err) == PBS_DATA);
+    pbs_writer_close(w);
+    pbs_reader_close(s.reader);
+    free(from.bytes);
     CHECK(pbs_mem_used(&run) == 0);
 }
 
