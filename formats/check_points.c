@@ -183,7 +183,7 @@ static pbs_code take_node(checker *c, size_t node, const int64_t *by, pbs_err *e
     for (uint32_t i = 0; i < m->chunks && !rc; i++, at++) {
         pbs_chunk chunk;
         while (c->entries[at].tag != PBS_TAG_POINTS || c->entries[at].node != node) at++;
-        rc = pbs_reader_at(c->reader, &c->entries[at], &chunk, err);
+        rc = pbs_reader_read(c->reader, &c->entries[at], &chunk, err);
         if (!rc)
             rc = by ? take_other(c, by, chunk.payload, chunk.count, err)
                     : take_own(c, node, chunk.payload, chunk.count, &last, err);

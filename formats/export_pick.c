@@ -70,7 +70,7 @@ pbs_code pbs_export_chunk(pbs_exporter *x, uint32_t node, uint32_t i, size_t *at
     if (!i) *at = d->first;
     while (x->entries[*at].tag != d->tag || x->entries[*at].node != node) ++*at;
     pbs_trim_now(&x->trim);
-    return pbs_reader_at(x->reader, &x->entries[(*at)++], c, err);
+    return pbs_reader_read(x->reader, &x->entries[(*at)++], c, err);
 }
 
 /* Children come before their parents. */

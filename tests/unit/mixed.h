@@ -56,6 +56,15 @@ static inline void mixed_materials(pbs_writer *w) {
         mixed_put(w, (pbs_chunk){.tag = PBS_TAG_TEXTURE, .node = i, .count = 1}, t, 12);
 }
 
+/* Points of a cloud keep the distance that they promise: one step. */
+static inline void mixed_row(pbs_points *p) {
+    for (size_t i = 0; i < p->count; i++) {
+        p->position[3 * i] = (float)i;
+        p->position[3 * i + 1] = p->position[3 * i + 2] = 0;
+        p->spacing[i] = 65535 / 65536.0f;
+    }
+}
+
 static inline void mixed_points(pbs_run *run, pbs_writer *w) {
     pbs_record r = pbs_record_make(MIXED_CHANNELS, true);
     uint8_t octaves[4 * 18];
@@ -67,6 +76,7 @@ static inline void mixed_points(pbs_run *run, pbs_writer *w) {
               sizeof octaves);
     for (uint32_t node = 0; node < 2; node++) {
         fill_points(run, MIXED_CHANNELS, node ? 9 : MIXED_RECORDS, node + 5, &p);
+        if (node == MIXED_CLOUD) mixed_row(&p);
         must(pbs_points_write(run, w, &r, node, &p, 0, node ? 100 : MIXED_FIRST, &l, &err), &err);
         pbs_points_free(run, &p);
     }

@@ -8,7 +8,7 @@
 
 enum { LEAVES = 3, NODES = 16 };
 
-static const pbs_lod lod = {200, 2, 2000, 0};
+static const pbs_lod lod = {200, 2, 2000, 0, 0};
 
 /* ---- a scene: boulders in heaps, heaps in a quarry, gravel that has no surfels of its own ---- */
 
