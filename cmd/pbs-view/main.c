@@ -19,6 +19,8 @@ static const pbs_option table[] = {
     {0, "surfel-size", PBS_REAL, offsetof(pbs_show_options, surfel_size), "PX",
      "diameter of a surfel, side of a voxel that the camera needs (default 2)", 0.25, 64, NULL,
      false},
+    {0, "formula", PBS_FLAG, offsetof(pbs_show_options, formula), NULL,
+     "length of the prefix by the paper's estimate, not by the spacings", 0, 0, NULL, false},
     {0, "width", PBS_COUNT, offsetof(pbs_show_options, width), "PX",
      "of the picture (default 1024)", 16, 16384, NULL, false},
     {0, "height", PBS_COUNT, offsetof(pbs_show_options, height), "PX",

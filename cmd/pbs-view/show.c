@@ -1,6 +1,4 @@
 #include "cmd/pbs-view/show.h"
-#include "cmd/pbs-view/cut.h"
-#include "formats/dag.h"
 #include <string.h>
 
 static pbs_code open_scene(pbs_show *s, const char *path, pbs_err *err) {
@@ -16,14 +14,48 @@ static pbs_code open_scene(pbs_show *s, const char *path, pbs_err *err) {
     return pbs_scene_images(&s->scene, &s->images, err);
 }
 
+static void make_profile(pbs_show *s, uint32_t id) {
+    const pbs_archive *a = &s->archive;
+    const pbs_node *n = &a->nodes[id];
+    pbs_spacings spacings = {a->records[id] + pbs_record_at(&a->record, PBS_SPACING),
+                             a->record.stride,
+                             (uint32_t)n->records,
+                             65535 * n->lattice,
+                             n->covering,
+                             0.7 * n->pixel};
+    pbs_profile_make(&spacings, &s->profiles[id]);
+    s->profile[id] = &s->profiles[id];
+}
+
+static pbs_code open_archive(pbs_show *s, const char *path, pbs_err *err) {
+    const char *what = "the table of nodes";
+    pbs_archive *a = &s->archive;
+    pbs_code rc = pbs_archive_open(s->run, path, a, err);
+    if (rc) return rc;
+    size_t n = a->node_count;
+    s->box = a->nodes[n - 1].box;
+    rc = pbs_alloc(s->run, &s->has, n, 1, what, err);
+    if (!rc) rc = pbs_alloc(s->run, &s->resident, 2 * n, 1, what, err);
+    if (!rc) rc = pbs_alloc(s->run, &s->profiles, n, sizeof *s->profiles, what, err);
+    if (!rc) rc = pbs_alloc(s->run, &s->profile, n, sizeof *s->profile, what, err);
+    if (rc) return rc;
+    memset(s->resident, 1, 2 * n);
+    for (uint32_t i = 0; i < n; i++) {
+        size_t chunks;
+        pbs_archive_voxels(a, i, &chunks);
+        s->has[i] = a->records[i] ? PBS_HAS_SURFELS : chunks ? PBS_HAS_VOXELS : 0;
+        if (a->records[i]) make_profile(s, i);
+    }
+    pbs_cut_scene scene = {a->nodes, n, s->has, a->placings, a->moving, s->resident, s->profile};
+    return pbs_cut_new(s->run, &scene, &s->cut, err);
+}
+
 pbs_code pbs_show_open(pbs_run *run, const pbs_show_options *o, const char *path, pbs_show *s,
                        pbs_err *err) {
     memset(s, 0, sizeof *s);
     s->run = run;
     s->options = o;
-    pbs_code rc =
-        o->geometry ? open_scene(s, path, err) : pbs_archive_open(run, path, &s->archive, err);
-    if (!rc && !o->geometry) s->box = s->archive.nodes[s->archive.node_count - 1].box;
+    pbs_code rc = o->geometry ? open_scene(s, path, err) : open_archive(s, path, err);
     if (!rc) {
         pbs_camera_desc d = {.aspect = (double)o->width / (double)o->height};
         d.up[o->up] = 1;
@@ -36,174 +68,62 @@ pbs_code pbs_show_open(pbs_run *run, const pbs_show_options *o, const char *path
 
 /* ---- which surfels and voxels ---- */
 
-/* A placed node whose subtree is still to be looked at. */
-typedef struct task {
-    uint32_t node;
-    bool drawn; /* its surfels are: only what moves below it is left */
-    double m[12];
-} task;
-
-typedef struct cut {
-    pbs_show *show;
-    const pbs_show_view *view;
-    double aspect;
-    size_t count, cubes;
-    task *tasks, now;
-    size_t task_count, task_cap;
-} cut;
-
-static pbs_code add_task(cut *c, uint32_t node, bool drawn, const double m[12], pbs_err *err) {
-    pbs_code rc = pbs_grow(c->show->run, &c->tasks, &c->task_cap, c->task_count + 1,
-                           sizeof *c->tasks, "the list of what is drawn", err);
-    if (rc) return rc;
-    task *t = &c->tasks[c->task_count++];
-    *t = (task){.node = node, .drawn = drawn};
-    memcpy(t->m, m, sizeof t->m);
-    return PBS_OK;
-}
-
-static pbs_spacings spacings_of(const pbs_archive *a, const pbs_node *n) {
-    return (pbs_spacings){a->records[n->id] + pbs_record_at(&a->record, PBS_SPACING),
-                          a->record.stride,
-                          (uint32_t)n->records,
-                          65535 * n->lattice,
-                          n->covering,
-                          0.7 * n->pixel};
-}
-
-/* With --prefix the discs close the surface whatever it costs in shape; without, they are as
- * large as the camera allows and the prefix is what closes the surface then (paper 1, 4.1). */
-static void choose(const cut *c, const pbs_node *n, const double m[12], pbs_surfels *out) {
-    const pbs_show_options *o = c->show->options;
-    pbs_spacings s = spacings_of(&c->show->archive, n);
-    if (o->prefix) {
-        out->prefix = o->prefix < s.count ? (uint32_t)o->prefix : s.count;
-    } else {
-        const pbs_show_view *v = c->view;
-        double depth = pbs_cut_depth(&v->camera, c->aspect, &n->box, m);
-        double wanted = pbs_cut_wanted(&v->camera, v->height, depth, v->surfel_size, m);
-        out->prefix = pbs_cut_prefix(&s, wanted);
-    }
-    out->radius = pbs_cut_radius(&s, out->prefix);
-}
-
-/* A node whose points stay when its children are drawn (cloudpack.h). All of them together close
- * the surface: discs are as large as the camera allows, of points half as far apart, but not
- * smaller than points of the cloud usually are apart. *finer: the children have points that are
- * wanted, too. */
-static void choose_adding(const cut *c, const pbs_node *n, const double m[12], pbs_surfels *out,
-                          bool *finer) {
-    const pbs_show_options *o = c->show->options;
-    const pbs_show_view *v = c->view;
-    pbs_spacings s = spacings_of(&c->show->archive, n);
-    double depth = pbs_cut_depth(&v->camera, c->aspect, &n->box, m);
-    double wanted = pbs_cut_wanted(&v->camera, v->height, depth, v->surfel_size, m);
-    out->prefix = o->prefix ? (o->prefix < s.count ? (uint32_t)o->prefix : s.count)
-                            : pbs_cut_adding(&s, wanted / 2);
-    out->radius = fmax(o->prefix ? 0 : wanted, n->covering);
-    *finer = !o->prefix ? out->prefix == s.count : o->prefix > s.count;
-}
-
-static pbs_code add_surfels(cut *c, uint32_t id, const double m[12], bool *finer, pbs_err *err) {
-    pbs_show *s = c->show;
-    const pbs_archive *a = &s->archive;
-    const pbs_node *n = &a->nodes[id];
-    if (!pbs_cut_visible(&c->view->camera, c->aspect, &n->box, n->covering, m)) return PBS_OK;
-    pbs_code rc = pbs_grow(s->run, &s->list, &s->list_cap, c->count + 1, sizeof *s->list,
-                           "the list of what is drawn", err);
-    if (rc) return rc;
-    pbs_surfels *d = &s->list[c->count++];
-    *d = (pbs_surfels){.records = a->records[id],
-                       .stride = a->record.stride,
-                       .channels = a->record.channels,
-                       .whole = (uint32_t)n->records,
-                       .octaves = a->octaves[id],
-                       .step = n->lattice};
-    for (int k = 0; k < 3; k++) d->corner[k] = n->origin[k] + n->lattice_min[k];
-    memcpy(d->m, m, sizeof d->m);
-    if (n->flags & PBS_NODE_ADDS)
-        choose_adding(c, n, m, d, finer);
-    else
-        choose(c, n, m, d);
-    s->drawn_nodes++;
-    s->drawn_surfels += d->prefix;
-    return PBS_OK;
-}
-
-/* Children in the place of their parent: all of them or none, so that nothing is missing. */
-static bool has_finer(const pbs_archive *a, const pbs_node *n) {
-    for (uint32_t i = 0; i < n->child_count; i++) {
-        size_t chunks;
-        pbs_archive_voxels(a, n->children[i].node, &chunks);
-        if (!chunks) return false;
-    }
-    return n->child_count != 0;
-}
-
-/* A chunk of voxels: drawn if its cells are small enough in the picture, or there are no finer. */
-static pbs_code visit_voxels(cut *c, const pbs_node *n, const double m[12], bool *descend,
+static pbs_code draw_surfels(pbs_show *s, pbs_canvas *canvas, const pbs_cut_frame *f,
                              pbs_err *err) {
-    pbs_show *s = c->show;
-    const pbs_show_view *v = c->view;
-    *descend = false;
-    if (!pbs_cut_visible(&v->camera, c->aspect, &n->box, 0, m)) return PBS_OK;
-    double depth = pbs_cut_depth(&v->camera, c->aspect, &n->box, m);
-    *descend = !pbs_cut_fine(&v->camera, v->height, depth, v->surfel_size, n->lattice, m) &&
-               has_finer(&s->archive, n);
-    if (*descend) return PBS_OK;
-    pbs_code rc = pbs_grow(s->run, &s->cubes, &s->cubes_cap, c->cubes + 1, sizeof *s->cubes,
+    const pbs_archive *a = &s->archive;
+    size_t first = f->first[PBS_CUT_SURFELS], n = f->first[PBS_CUT_SURFELS + 1] - first;
+    pbs_code rc = pbs_grow(s->run, &s->list, &s->list_cap, n, sizeof *s->list,
                            "the list of what is drawn", err);
-    if (rc) return rc;
-    pbs_cubes *d = &s->cubes[c->cubes++];
-    d->chunks = pbs_archive_voxels(&s->archive, n->id, &d->chunk_count);
-    memcpy(d->corner, n->origin, sizeof d->corner);
-    d->side = n->lattice;
-    memcpy(d->m, m, sizeof d->m);
-    s->drawn_nodes++;
-    s->drawn_voxels += n->records;
-    return PBS_OK;
+    for (size_t i = 0; i < n && !rc; i++) {
+        const pbs_cut_draw *d = &f->draws[first + i];
+        const pbs_node *node = &a->nodes[d->node];
+        pbs_surfels *out = &s->list[i];
+        *out = (pbs_surfels){.records = a->records[d->node],
+                             .stride = a->record.stride,
+                             .channels = a->record.channels,
+                             .prefix = d->prefix,
+                             .whole = (uint32_t)node->records,
+                             .octaves = a->octaves[d->node],
+                             .radius = d->radius,
+                             .step = node->lattice};
+        for (int k = 0; k < 3; k++) out->corner[k] = node->origin[k] + node->lattice_min[k];
+        memcpy(out->m, d->m, sizeof out->m);
+    }
+    return rc ? rc : pbs_canvas_surfels(canvas, s->list, n, err);
 }
 
-/* A node with surfels stands for everything below it but what moves. */
-static pbs_code visit(void *ctx, uint32_t id, const double m[12], uint32_t flags, bool *descend,
-                      pbs_err *err) {
-    cut *c = ctx;
-    const pbs_archive *a = &c->show->archive;
-    double placed[12];
-    pbs_xform_mul(placed, c->now.m, m);
-    if (c->now.drawn) {
-        bool moves = flags & PBS_CHILD_MOVES;
-        *descend = !moves && a->moving[id];
-        return moves ? add_task(c, id, false, placed, err) : PBS_OK;
+static pbs_code draw_voxels(pbs_show *s, pbs_canvas *canvas, const pbs_cut_frame *f, pbs_err *err) {
+    const pbs_archive *a = &s->archive;
+    size_t first = f->first[PBS_CUT_VOXELS], n = f->first[PBS_CUT_VOXELS + 1] - first;
+    pbs_code rc = pbs_grow(s->run, &s->cubes, &s->cubes_cap, n, sizeof *s->cubes,
+                           "the list of what is drawn", err);
+    for (size_t i = 0; i < n && !rc; i++) {
+        const pbs_cut_draw *d = &f->draws[first + i];
+        pbs_cubes *out = &s->cubes[i];
+        out->chunks = pbs_archive_voxels(a, d->node, &out->chunk_count);
+        memcpy(out->corner, a->nodes[d->node].origin, sizeof out->corner);
+        out->side = a->nodes[d->node].lattice;
+        memcpy(out->m, d->m, sizeof out->m);
+        s->drawn_voxels += a->nodes[d->node].records;
     }
-    size_t chunks;
-    pbs_archive_voxels(a, id, &chunks);
-    if (chunks) return visit_voxels(c, &a->nodes[id], placed, descend, err);
-    *descend = !a->records[id] && a->placings[id];
-    if (!a->records[id]) return PBS_OK;
-    bool finer = false;
-    pbs_code rc = add_surfels(c, id, placed, &finer, err);
-    if (finer) *descend = true;
-    return rc || !a->moving[id] ? rc : add_task(c, id, true, placed, err);
-}
-
-static pbs_code list_all(cut *c, pbs_err *err) {
-    const pbs_archive *a = &c->show->archive;
-    pbs_code rc = add_task(c, (uint32_t)a->node_count - 1, false, PBS_IDENTITY, err);
-    while (!rc && c->task_count) {
-        c->now = c->tasks[--c->task_count];
-        rc = pbs_dag_walk(c->show->run, a->nodes, c->now.node + 1, visit, c, err);
-    }
-    pbs_free(c->show->run, c->tasks);
-    return rc;
+    return rc ? rc : pbs_canvas_voxels(canvas, s->cubes, n, err);
 }
 
 static pbs_code draw_archive(pbs_show *s, pbs_canvas *canvas, const pbs_show_view *view,
                              pbs_err *err) {
-    cut c = {.show = s, .view = view, .aspect = (double)view->width / (double)view->height};
-    pbs_code rc = list_all(&c, err);
-    if (!rc) rc = pbs_canvas_surfels(canvas, s->list, c.count, err);
-    return rc ? rc : pbs_canvas_voxels(canvas, s->cubes, c.cubes, err);
+    pbs_cut_view v = {.camera = view->camera,
+                      .width = view->width,
+                      .height = view->height,
+                      .size = view->surfel_size,
+                      .prefix = s->options->prefix,
+                      .formula = s->options->formula};
+    pbs_cut_frame f;
+    pbs_code rc = pbs_cut_next(s->cut, &v, &f, err);
+    if (rc) return rc;
+    s->drawn_nodes = f.draw_count;
+    s->drawn_surfels = f.surfels;
+    rc = draw_surfels(s, canvas, &f, err);
+    return rc ? rc : draw_voxels(s, canvas, &f, err);
 }
 
 static pbs_code draw_scene(pbs_show *s, pbs_canvas *canvas, pbs_err *err) {
@@ -233,6 +153,11 @@ void pbs_show_close(pbs_show *s) {
     pbs_free(run, s->flat.draws);
     pbs_free(run, s->list);
     pbs_free(run, s->cubes);
+    pbs_cut_free(s->cut);
+    pbs_free(run, s->has);
+    pbs_free(run, s->resident);
+    pbs_free(run, s->profiles);
+    pbs_free(run, s->profile);
     if (s->scene.run) pbs_scene_close(&s->scene);
     if (s->archive.run) pbs_archive_close(&s->archive);
     memset(s, 0, sizeof *s);

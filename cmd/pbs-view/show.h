@@ -3,6 +3,7 @@
 #ifndef PBS_SHOW_H
 #define PBS_SHOW_H
 
+#include "cmd/pbs-view/cut.h"
 #include "cmd/pbs-view/draw.h"
 #include "formats/archive.h"
 #include "formats/scene.h"
@@ -11,6 +12,7 @@ typedef struct pbs_show_options {
     const char *shot, *camera, *device;
     uint64_t prefix, width, height, samples;
     double surfel_size;
+    bool formula;
     int up; /* 0, 1, 2: x, y, z */
     bool geometry, ignore_missing;
 } pbs_show_options;
@@ -29,6 +31,10 @@ typedef struct pbs_show {
     pbs_surfels *list;
     pbs_cubes *cubes;
     size_t list_cap, cubes_cap;
+    /* of an archive */
+    uint8_t *has, *resident;
+    pbs_profile *profiles, **profile;
+    pbs_cut *cut;
 } pbs_show;
 
 /* options are borrowed until close. */
