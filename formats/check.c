@@ -6,10 +6,11 @@
 #include <string.h>
 
 typedef struct node_state {
-    uint64_t records;  /* seen so far */
-    uint64_t promised; /* by the node; in archives it comes first */
-    uint64_t entries;  /* of octaves, seen so far */
-    uint32_t tag;      /* of the chunks that its records are in */
+    uint64_t records;   /* seen so far */
+    uint64_t promised;  /* by the node; in archives it comes first */
+    uint64_t entries;   /* of octaves, seen so far */
+    uint64_t triangles; /* in archives: of its meshes, which are no records of its */
+    uint32_t tag;       /* of the chunks that its records are in */
     pbs_lattice lattice;
 } node_state;
 
@@ -25,6 +26,7 @@ typedef struct state {
     node_state *nodes;
     size_t cap;
     uint32_t textures, materials; /* so far */
+    uint64_t textures_end;        /* textures that materials name are below */
     pbs_checked *out;
 } state;
 
@@ -57,6 +59,7 @@ static pbs_code check_points(state *s, const pbs_chunk *c, pbs_err *err) {
     if (!s->record.stride) return bad(s, c, "points in a file of another kind", err);
     node_state *n = &s->nodes[c->node];
     if (n->records != c->first) return bad(s, c, "does not follow the points before", err);
+    if (s->archive && !c->count) return bad(s, c, "has no points", err);
     if (c->bytes != (uint64_t)c->count * s->record.stride)
         return bad(s, c, "has not the size of its points", err);
     /* One chunk at a time: pretend that it is the first. */
@@ -116,7 +119,11 @@ static pbs_code check_node(state *s, const pbs_chunk *c, pbs_err *err) {
 
 static pbs_code check_mesh(state *s, const pbs_chunk *c, pbs_err *err) {
     pbs_mesh m;
-    s->nodes[c->node].records += c->count;
+    node_state *n = &s->nodes[c->node];
+    if (s->archive && n->triangles != c->first)
+        return bad(s, c, "does not follow the meshes before", err);
+    if (s->archive && !c->count) return bad(s, c, "has no triangles", err);
+    *(s->archive ? &n->triangles : &n->records) += c->count;
     s->out->records += c->count;
     pbs_code rc = pbs_mesh_parse(s->name, c, &m, err);
     if (!rc && !pbs_mesh_materials_fit(&m, s->materials))
@@ -124,12 +131,18 @@ static pbs_code check_mesh(state *s, const pbs_chunk *c, pbs_err *err) {
     return rc;
 }
 
-/* Textures stay behind in the scene. */
+/* Elsewhere than in scenes textures come later, or stay behind in the scene. */
 static pbs_code check_material(state *s, const pbs_chunk *c, pbs_err *err) {
     pbs_material m;
     uint32_t textures = pbs_reader_kind(s->r) == PBS_SCENE ? s->textures : PBS_NONE;
     bool ok = c->node == s->materials++ && pbs_material_parse(c, textures, &m);
-    return ok ? PBS_OK : bad(s, c, "is not a material", err);
+    if (!ok) return bad(s, c, "is not a material", err);
+    const uint32_t used[3] = {m.base_texture.texture, m.material_texture.texture,
+                              m.emissive_texture.texture};
+    for (int i = 0; i < 3; i++)
+        if (used[i] != PBS_NONE && used[i] >= s->textures_end)
+            s->textures_end = (uint64_t)used[i] + 1;
+    return PBS_OK;
 }
 
 static pbs_code check_texture(state *s, const pbs_chunk *c, pbs_err *err) {
@@ -137,9 +150,11 @@ static pbs_code check_texture(state *s, const pbs_chunk *c, pbs_err *err) {
     return ok ? PBS_OK : bad(s, c, "is not a texture", err);
 }
 
-/* A chunk of a node's data is where its node is, and all of the node's records are of one sort. */
+/* A chunk of a node's data is where its node is, and all of the node's records are of one sort; in
+ * archives it may have meshes besides. */
 static pbs_code check_data(state *s, const pbs_chunk *c, pbs_err *err) {
-    bool record = c->tag == PBS_TAG_POINTS || c->tag == PBS_TAG_MESH || c->tag == PBS_TAG_VOXELS;
+    bool mesh = c->tag == PBS_TAG_MESH,
+         record = c->tag == PBS_TAG_POINTS || mesh || c->tag == PBS_TAG_VOXELS;
     pbs_code rc = PBS_OK;
     if (!record && c->tag != PBS_TAG_OCTAVES && c->tag != PBS_TAG_FACES) return PBS_OK;
     if (s->archive && c->node >= s->out->nodes)
@@ -148,7 +163,7 @@ static pbs_code check_data(state *s, const pbs_chunk *c, pbs_err *err) {
         if (c->node != s->out->nodes) return bad(s, c, "its node comes elsewhere", err);
         rc = room_for_node(s, c->node, err);
     }
-    if (rc || !record) return rc;
+    if (rc || !record || (mesh && s->archive)) return rc;
     node_state *n = &s->nodes[c->node];
     if (n->tag && n->tag != c->tag) return bad(s, c, "its node has records of another sort", err);
     n->tag = c->tag;
@@ -197,6 +212,8 @@ static pbs_code check_all(state *s, pbs_err *err) {
     }
     if (!rc && s->entries && s->out->chunks != s->entry_count)
         rc = pbs_fail(err, PBS_DATA, "%s: the directory lists chunks that are not there", s->name);
+    if (!rc && s->archive && s->textures && s->textures_end > s->textures)
+        rc = pbs_fail(err, PBS_DATA, "%s: a material has a texture that is not there", s->name);
     if (!rc && !s->out->nodes) rc = pbs_fail(err, PBS_DATA, "%s: no node in it", s->name);
     if (!rc) rc = check_promises(s, err);
     return rc || !s->voxels ? rc

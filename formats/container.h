@@ -23,8 +23,6 @@ typedef enum pbs_kind {
     PBS_CANDIDATES,
     PBS_SURFELS,
     PBS_VOXELS,
-    PBS_LODS,
-    PBS_POINTS,
     PBS_ARCHIVE,
     PBS_KINDS
 } pbs_kind;
@@ -109,8 +107,12 @@ pbs_code pbs_reader_directory(pbs_reader *r, const pbs_chunk **entries, size_t *
 /* The payload behind an entry as it lies in the map, without a look at it or its checksum: for its
  * first bytes, where the rest is not to be read. NULL if the file is too short, or no map. */
 const void *pbs_reader_peek(const pbs_reader *r, const pbs_chunk *entry);
-/* Reads and checks the chunk behind an entry. */
-pbs_code pbs_reader_at(pbs_reader *r, const pbs_chunk *entry, pbs_chunk *chunk, pbs_err *err);
+/* Reads and checks the chunk behind an entry. Thread-safe, as pbs_reader_look is. */
+pbs_code pbs_reader_at(const pbs_reader *r, const pbs_chunk *entry, pbs_chunk *chunk, pbs_err *err);
+/* The same without a look at the payload: only its header is checked, and that the file is long
+ * enough. For the first bytes of a payload, where the rest is not to be read. */
+pbs_code pbs_reader_look(const pbs_reader *r, const pbs_chunk *entry, pbs_chunk *chunk,
+                         pbs_err *err);
 
 pbs_kind pbs_reader_kind(const pbs_reader *r);
 const char *pbs_reader_name(const pbs_reader *r);     /* for messages */

@@ -25,9 +25,12 @@ struct pbs_reader {
     bool ended;
 };
 
+static pbs_code bad_at(const pbs_reader *r, uint64_t at, pbs_err *err, const char *what) {
+    return pbs_fail(err, PBS_DATA, "%s: byte %llu: %s", r->in.name, (unsigned long long)at, what);
+}
+
 static pbs_code bad(const pbs_reader *r, pbs_err *err, const char *what) {
-    return pbs_fail(err, PBS_DATA, "%s: byte %llu: %s", r->in.name, (unsigned long long)r->at,
-                    what);
+    return bad_at(r, r->at, err, what);
 }
 
 /* n bytes at r->at: from the map, or read into to. */
@@ -181,9 +184,11 @@ pbs_code pbs_reader_open_path(pbs_run *run, const char *path, uint32_t kinds, pb
 
 /* ---- chunks ---- */
 
-static pbs_code parse_chunk(pbs_reader *r, const uint8_t *h, pbs_chunk *c, pbs_err *err) {
+/* at: where a message says that the header ends. */
+static pbs_code parse_chunk(const pbs_reader *r, uint64_t at, const uint8_t *h, pbs_chunk *c,
+                            pbs_err *err) {
     if (pbs_crc32c(0, h, CHUNK_SELF_AT) != pbs_get_u32(h + CHUNK_SELF_AT))
-        return bad(r, err, "a chunk's header is damaged: its checksum differs");
+        return bad_at(r, at, err, "a chunk's header is damaged: its checksum differs");
     c->tag = pbs_get_u32(h + CHUNK_TAG_AT);
     c->flags = pbs_get_u32(h + CHUNK_FLAGS_AT);
     c->node = pbs_get_u32(h + CHUNK_NODE_AT);
@@ -192,11 +197,23 @@ static pbs_code parse_chunk(pbs_reader *r, const uint8_t *h, pbs_chunk *c, pbs_e
     c->crc = pbs_get_u32(h + CHUNK_CRC_AT);
     c->first = pbs_get_u32(h + CHUNK_FIRST_AT);
     char tag[5];
-    if (c->bytes > PBS_PAYLOAD_MAX) return bad(r, err, "a chunk is larger than the format allows");
+    if (c->bytes > PBS_PAYLOAD_MAX)
+        return bad_at(r, at, err, "a chunk is larger than the format allows");
     if (c->flags & 0xff)
         return pbs_fail(err, PBS_DATA, "%s: chunk %s: codec %u is not known", r->in.name,
                         pbs_tag_text(c->tag, tag), c->flags & 0xff);
     return PBS_OK;
+}
+
+/* p: the payload and the n - bytes zeros behind it. */
+static pbs_code take_payload(const pbs_reader *r, pbs_chunk *c, const uint8_t *p, size_t n,
+                             pbs_err *err) {
+    char tag[5];
+    c->payload = c->bytes ? p : NULL;
+    if (pbs_crc32c(0, p, (size_t)c->bytes) == c->crc && all_zero(p + c->bytes, n - c->bytes))
+        return PBS_OK;
+    return pbs_fail(err, PBS_DATA, "%s: byte %llu: chunk %s is damaged: its checksum differs",
+                    r->in.name, (unsigned long long)c->offset, pbs_tag_text(c->tag, tag));
 }
 
 static pbs_code fetch_payload(pbs_reader *r, pbs_chunk *c, pbs_err *err) {
@@ -212,12 +229,7 @@ static pbs_code fetch_payload(pbs_reader *r, pbs_chunk *c, pbs_err *err) {
         r->buffer_cap = n;
     }
     if ((rc = fetch(r, r->buffer, n, &p, err))) return rc;
-    c->payload = c->bytes ? p : NULL;
-    char tag[5];
-    if (pbs_crc32c(0, p, (size_t)c->bytes) != c->crc || !all_zero(p + c->bytes, n - c->bytes))
-        return pbs_fail(err, PBS_DATA, "%s: byte %llu: chunk %s is damaged: its checksum differs",
-                        r->in.name, (unsigned long long)c->offset, pbs_tag_text(c->tag, tag));
-    return PBS_OK;
+    return take_payload(r, c, p, n, err);
 }
 
 static pbs_code note_page(pbs_reader *r, const pbs_chunk *c, pbs_err *err) {
@@ -271,7 +283,7 @@ static pbs_code next_any(pbs_reader *r, pbs_chunk *c, bool *end, pbs_err *err) {
         *end = true;
         return check_footer(r, h, err);
     }
-    if ((rc = parse_chunk(r, h, c, err))) return rc;
+    if ((rc = parse_chunk(r, r->at, h, c, err))) return rc;
     bool page = c->tag == PBS_TAG_DIR;
     if (pbs_get_u32(h + CHUNK_SEQUENCE_AT) != (uint32_t)(page ? r->pages : r->chunks))
         return bad(r, err, "a chunk is missing or doubled");
@@ -310,7 +322,7 @@ static pbs_code read_page(pbs_reader *r, uint64_t page, uint64_t total, pbs_err 
     const uint8_t *h;
     c.offset = r->at;
     pbs_code rc = fetch(r, NULL, CHUNK_FIXED, &h, err);
-    if (!rc) rc = parse_chunk(r, h, &c, err);
+    if (!rc) rc = parse_chunk(r, r->at, h, &c, err);
     if (!rc) rc = fetch_payload(r, &c, err);
     if (rc) return rc;
     const uint8_t *p = c.payload;
@@ -379,24 +391,32 @@ const void *pbs_reader_peek(const pbs_reader *r, const pbs_chunk *e) {
                : r->in.bytes + e->offset + CHUNK_FIXED;
 }
 
-pbs_code pbs_reader_at(pbs_reader *r, const pbs_chunk *entry, pbs_chunk *c, pbs_err *err) {
-    uint64_t at = r->at;
-    const uint8_t *h = NULL;
-    r->at = c->offset = entry->offset;
-    if (entry->offset % PBS_ALIGN) {
-        pbs_code rc = bad(r, err, "a chunk that is not aligned");
-        r->at = at;
-        return rc;
-    }
-    pbs_code rc = fetch(r, NULL, CHUNK_FIXED, &h, err);
-    if (!rc) rc = parse_chunk(r, h, c, err);
-    if (!rc && (c->tag != entry->tag || c->flags != entry->flags || c->node != entry->node ||
-                c->count != entry->count || c->bytes != entry->bytes || c->crc != entry->crc ||
-                c->first != entry->first))
-        rc = bad(r, err, "a chunk is not what the directory says");
-    if (!rc) rc = fetch_payload(r, c, err);
-    r->at = at;
-    return rc;
+pbs_code pbs_reader_look(const pbs_reader *r, const pbs_chunk *entry, pbs_chunk *c, pbs_err *err) {
+    const pbs_input *in = &r->in;
+    c->offset = entry->offset;
+    if (!in->mapped) return pbs_fail(err, PBS_INTERNAL, "%s: is not mapped", in->name);
+    if (entry->offset % PBS_ALIGN)
+        return bad_at(r, entry->offset, err, "a chunk that is not aligned");
+    if (entry->offset > in->size || in->size - entry->offset < CHUNK_FIXED)
+        return bad_at(r, entry->offset, err, "the file is cut off here");
+    uint64_t at = entry->offset + CHUNK_FIXED;
+    pbs_code rc = parse_chunk(r, at, in->bytes + entry->offset, c, err);
+    if (rc) return rc;
+    if (c->tag != entry->tag || c->flags != entry->flags || c->node != entry->node ||
+        c->count != entry->count || c->bytes != entry->bytes || c->crc != entry->crc ||
+        c->first != entry->first)
+        return bad_at(r, at, err, "a chunk is not what the directory says");
+    if (in->size - at < c->bytes + pbs_padding(c->bytes, PBS_ALIGN))
+        return bad_at(r, at, err, "the file is cut off here");
+    c->payload = c->bytes ? in->bytes + at : NULL;
+    return PBS_OK;
+}
+
+pbs_code pbs_reader_at(const pbs_reader *r, const pbs_chunk *entry, pbs_chunk *c, pbs_err *err) {
+    pbs_code rc = pbs_reader_look(r, entry, c, err);
+    if (rc) return rc;
+    size_t n = (size_t)(c->bytes + pbs_padding(c->bytes, PBS_ALIGN));
+    return take_payload(r, c, r->in.bytes + c->offset + CHUNK_FIXED, n, err);
 }
 
 pbs_kind pbs_reader_kind(const pbs_reader *r) {

@@ -18,7 +18,7 @@ struct pbs_writer {
 };
 
 const char *const pbs_kind_name[PBS_KINDS] = {"scene", "candidates", "surfels", "voxels",
-                                              "lods",  "points",     "archive"};
+                                              "archive"};
 
 const char *pbs_tag_text(uint32_t tag, char out[5]) {
     for (int i = 0; i < 4; i++) {

@@ -37,6 +37,7 @@ typedef struct refined {
 
 typedef struct entry {
     uint32_t parent;
+    bool voxels;    /* else it counts as seen: no one notes it */
     uint64_t probe; /* key, 0: it is none */
 } entry;
 
@@ -438,7 +439,8 @@ static pbs_code keep_entries(pbs_cut *c, pbs_err *err) {
     if (rc) return rc;
     for (size_t i = 0; i < c->draw_count; i++) {
         const pbs_cut_draw *d = &c->draws[i];
-        r->entries[i] = (entry){d->parent, d->kind == PBS_CUT_PROBE ? d->key : 0};
+        r->entries[i] = (entry){d->parent, d->kind == PBS_CUT_VOXELS || d->kind == PBS_CUT_PROBE,
+                                d->kind == PBS_CUT_PROBE ? d->key : 0};
     }
     r->entry_count = c->draw_count;
     r->number = c->number;
@@ -491,7 +493,7 @@ pbs_code pbs_cut_feedback(pbs_cut *c, uint64_t frame, const uint32_t *seen, size
         if (e->probe && seen[i]) pbs_hidden_remove(&c->hidden, e->probe);
         if (e->parent == NONE) continue;
         r->refined[e->parent].drawn = true;
-        r->refined[e->parent].seen |= seen[i] != 0;
+        r->refined[e->parent].seen |= seen[i] || !e->voxels;
     }
     if (c->hidden.count > MOST_HIDDEN) pbs_hidden_clear(&c->hidden);
     for (size_t i = 0; i < r->refined_count && !rc; i++) {

@@ -115,7 +115,8 @@ typedef struct pbs_cut_frame {
 } pbs_cut_frame;
 pbs_code pbs_cut_next(pbs_cut *cut, const pbs_cut_view *view, pbs_cut_frame *out, pbs_err *err);
 
-/* Which draws of an earlier frame had a pixel in the picture: visible[i] is not 0. Frames that are
+/* Which draws of an earlier frame had a pixel in the picture: visible[i] is not 0. Only
+ * those of voxels count: of what is not noted it is never said that it was hidden. Frames that are
  * older than the one before the last are ignored; so is what comes twice. */
 pbs_code pbs_cut_feedback(pbs_cut *cut, uint64_t frame, const uint32_t *visible, size_t count,
                           pbs_err *err);

@@ -14,40 +14,13 @@ static pbs_code open_scene(pbs_show *s, const char *path, pbs_err *err) {
     return pbs_scene_images(&s->scene, &s->images, err);
 }
 
-static void make_profile(pbs_show *s, uint32_t id) {
-    const pbs_archive *a = &s->archive;
-    const pbs_node *n = &a->nodes[id];
-    pbs_spacings spacings = {a->records[id] + pbs_record_at(&a->record, PBS_SPACING),
-                             a->record.stride,
-                             (uint32_t)n->records,
-                             65535 * n->lattice,
-                             n->covering,
-                             0.7 * n->pixel};
-    pbs_profile_make(&spacings, &s->profiles[id]);
-    s->profile[id] = &s->profiles[id];
-}
-
 static pbs_code open_archive(pbs_show *s, const char *path, pbs_err *err) {
-    const char *what = "the table of nodes";
-    pbs_archive *a = &s->archive;
-    pbs_code rc = pbs_archive_open(s->run, path, a, err);
+    const pbs_show_options *o = s->options;
+    pbs_player_desc d = {o->gpu_memory, o->upload, o->per_point};
+    pbs_code rc = pbs_archive_open(s->run, path, &s->archive, err);
     if (rc) return rc;
-    size_t n = a->node_count;
-    s->box = a->nodes[n - 1].box;
-    rc = pbs_alloc(s->run, &s->has, n, 1, what, err);
-    if (!rc) rc = pbs_alloc(s->run, &s->resident, 2 * n, 1, what, err);
-    if (!rc) rc = pbs_alloc(s->run, &s->profiles, n, sizeof *s->profiles, what, err);
-    if (!rc) rc = pbs_alloc(s->run, &s->profile, n, sizeof *s->profile, what, err);
-    if (rc) return rc;
-    memset(s->resident, 1, 2 * n);
-    for (uint32_t i = 0; i < n; i++) {
-        size_t chunks;
-        pbs_archive_voxels(a, i, &chunks);
-        s->has[i] = a->records[i] ? PBS_HAS_SURFELS : chunks ? PBS_HAS_VOXELS : 0;
-        if (a->records[i]) make_profile(s, i);
-    }
-    pbs_cut_scene scene = {a->nodes, n, s->has, a->placings, a->moving, s->resident, s->profile};
-    return pbs_cut_new(s->run, &scene, &s->cut, err);
+    s->box = s->archive.nodes[s->archive.node_count - 1].box;
+    return pbs_player_new(s->run, &s->archive, &d, &s->player, err);
 }
 
 pbs_code pbs_show_open(pbs_run *run, const pbs_show_options *o, const char *path, pbs_show *s,
@@ -66,64 +39,49 @@ pbs_code pbs_show_open(pbs_run *run, const pbs_show_options *o, const char *path
     return rc;
 }
 
-/* ---- which surfels and voxels ---- */
-
-static pbs_code draw_surfels(pbs_show *s, pbs_canvas *canvas, const pbs_cut_frame *f,
-                             pbs_err *err) {
-    const pbs_archive *a = &s->archive;
-    size_t first = f->first[PBS_CUT_SURFELS], n = f->first[PBS_CUT_SURFELS + 1] - first;
-    pbs_code rc = pbs_grow(s->run, &s->list, &s->list_cap, n, sizeof *s->list,
-                           "the list of what is drawn", err);
-    for (size_t i = 0; i < n && !rc; i++) {
-        const pbs_cut_draw *d = &f->draws[first + i];
-        const pbs_node *node = &a->nodes[d->node];
-        pbs_surfels *out = &s->list[i];
-        *out = (pbs_surfels){.records = a->records[d->node],
-                             .stride = a->record.stride,
-                             .channels = a->record.channels,
-                             .prefix = d->prefix,
-                             .whole = (uint32_t)node->records,
-                             .octaves = a->octaves[d->node],
-                             .radius = d->radius,
-                             .step = node->lattice};
-        for (int k = 0; k < 3; k++) out->corner[k] = node->origin[k] + node->lattice_min[k];
-        memcpy(out->m, d->m, sizeof out->m);
-    }
-    return rc ? rc : pbs_canvas_surfels(canvas, s->list, n, err);
-}
-
-static pbs_code draw_voxels(pbs_show *s, pbs_canvas *canvas, const pbs_cut_frame *f, pbs_err *err) {
-    const pbs_archive *a = &s->archive;
-    size_t first = f->first[PBS_CUT_VOXELS], n = f->first[PBS_CUT_VOXELS + 1] - first;
-    pbs_code rc = pbs_grow(s->run, &s->cubes, &s->cubes_cap, n, sizeof *s->cubes,
-                           "the list of what is drawn", err);
-    for (size_t i = 0; i < n && !rc; i++) {
-        const pbs_cut_draw *d = &f->draws[first + i];
-        pbs_cubes *out = &s->cubes[i];
-        out->chunks = pbs_archive_voxels(a, d->node, &out->chunk_count);
-        memcpy(out->corner, a->nodes[d->node].origin, sizeof out->corner);
-        out->side = a->nodes[d->node].lattice;
-        memcpy(out->m, d->m, sizeof out->m);
-        s->drawn_voxels += a->nodes[d->node].records;
-    }
-    return rc ? rc : pbs_canvas_voxels(canvas, s->cubes, n, err);
+/* A picture that is taken once must not depend on what was hidden before. */
+static pbs_cut_view cut_view(const pbs_show *s, const pbs_show_view *v) {
+    const pbs_show_options *o = s->options;
+    return (pbs_cut_view){.camera = v->camera,
+                          .width = v->width,
+                          .height = v->height,
+                          .size = v->surfel_size,
+                          .prefix = o->prefix,
+                          .formula = o->formula,
+                          .partial = o->partial,
+                          .occlusion = !o->no_occlusion && !o->shot};
 }
 
 static pbs_code draw_archive(pbs_show *s, pbs_canvas *canvas, const pbs_show_view *view,
                              pbs_err *err) {
-    pbs_cut_view v = {.camera = view->camera,
-                      .width = view->width,
-                      .height = view->height,
-                      .size = view->surfel_size,
-                      .prefix = s->options->prefix,
-                      .formula = s->options->formula};
-    pbs_cut_frame f;
-    pbs_code rc = pbs_cut_next(s->cut, &v, &f, err);
+    pbs_player *p = &s->player;
+    pbs_cut_view v = cut_view(s, view);
+    pbs_code rc = pbs_player_look(p, canvas, &v, err);
+    if (!rc) rc = pbs_player_draw(p, canvas, &v, err);
     if (rc) return rc;
-    s->drawn_nodes = f.draw_count;
-    s->drawn_surfels = f.surfels;
-    rc = draw_surfels(s, canvas, &f, err);
-    return rc ? rc : draw_voxels(s, canvas, &f, err);
+    pbs_store_stats stats = pbs_player_measure(p);
+    s->drawn_nodes = p->frame.draw_count - p->frame.hidden;
+    s->drawn_surfels = p->frame.surfels;
+    s->drawn_voxels = p->voxels;
+    s->drawn_triangles = p->triangles;
+    s->draw_calls = p->calls;
+    s->culled = p->frame.culled;
+    s->hidden = p->frame.hidden;
+    s->missing = p->frame.missing;
+    s->uploaded_bytes = stats.uploaded_last;
+    s->resident_bytes = stats.resident;
+    s->loading = p->busy;
+    return PBS_OK;
+}
+
+pbs_code pbs_show_settle(pbs_show *s, pbs_canvas *canvas, const pbs_show_view *view, pbs_err *err) {
+    if (s->options->geometry) return PBS_OK;
+    pbs_cut_view v = cut_view(s, view);
+    return pbs_player_settle(&s->player, canvas, &v, err);
+}
+
+const char *pbs_show_trouble(const pbs_show *s) {
+    return s->player.store ? pbs_store_trouble(s->player.store) : NULL;
 }
 
 static pbs_code draw_scene(pbs_show *s, pbs_canvas *canvas, pbs_err *err) {
@@ -151,13 +109,7 @@ void pbs_show_close(pbs_show *s) {
     pbs_run *run = s->run;
     pbs_images_free(run, s->images, s->scene.texture_count);
     pbs_free(run, s->flat.draws);
-    pbs_free(run, s->list);
-    pbs_free(run, s->cubes);
-    pbs_cut_free(s->cut);
-    pbs_free(run, s->has);
-    pbs_free(run, s->resident);
-    pbs_free(run, s->profiles);
-    pbs_free(run, s->profile);
+    pbs_player_free(&s->player);
     if (s->scene.run) pbs_scene_close(&s->scene);
     if (s->archive.run) pbs_archive_close(&s->archive);
     memset(s, 0, sizeof *s);

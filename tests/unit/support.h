@@ -246,6 +246,8 @@ static inline blob small_voxels(pbs_run *run, uint32_t channels, bool archive) {
     return b;
 }
 
+#include "tests/unit/mixed.h"
+
 enum {
     SMALL_SCENE,
     SMALL_CANDIDATES,
@@ -253,6 +255,7 @@ enum {
     SMALL_ARCHIVE,
     SMALL_VOXELS,
     SMALL_VOXEL_ARCHIVE,
+    SMALL_MIXED,
     SMALL_KINDS
 };
 static inline blob small_file(pbs_run *run, int which) {
@@ -264,6 +267,8 @@ static inline blob small_file(pbs_run *run, int which) {
         return small_stream(run, PBS_CANDIDATES, some | PBS_EMISSIVE);
     case SMALL_SURFELS:
         return small_stream(run, PBS_SURFELS, some | PBS_SPACING | PBS_MATERIAL);
+    case SMALL_MIXED:
+        return small_mixed(run);
     case SMALL_VOXELS:
         return small_voxels(run, PBS_POSITION | PBS_NORMAL | PBS_WEIGHT | PBS_COLOUR | PBS_FACE,
                             false);

@@ -51,8 +51,10 @@ static void take_node(found *f, const pbs_archive *a, const pbs_node *n) {
     const pbs_record *r = &a->record;
     int colour = pbs_record_at(r, PBS_COLOUR);
     CHECK(n->flags == PBS_NODE_ADDS);
+    pbs_node_data d;
+    CHECK(!pbs_archive_load_node(a, n->id, &d, &err));
     for (uint64_t i = 0; i < n->records; i++) {
-        const uint8_t *at = a->records[n->id] + i * r->stride;
+        const uint8_t *at = d.records + i * r->stride;
         uint16_t q[4];
         memcpy(q, at, sizeof q);
         for (int k = 0; k < 3; k++) {
@@ -66,6 +68,7 @@ static void take_node(found *f, const pbs_archive *a, const pbs_node *n) {
         if (colour >= 0) memcpy(f->colour[f->count], at + colour, 4);
         f->count++;
     }
+    pbs_node_data_free(a, &d);
     for (uint32_t c = 0; c < n->child_count; c++) {
         const pbs_node *o = &a->nodes[n->children[c].node];
         CHECK(!memcmp(n->children[c].m, PBS_IDENTITY, sizeof PBS_IDENTITY));

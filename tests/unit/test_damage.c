@@ -8,8 +8,8 @@ static pbs_err err;
 
 /* ---- damage ---- */
 
-static const char *const small_name[SMALL_KINDS] = {"scene",   "candidates", "surfels",
-                                                    "archive", "voxels",     "archive of voxels"};
+static const char *const small_name[SMALL_KINDS] = {
+    "scene", "candidates", "surfels", "archive", "voxels", "archive of voxels", "mixed"};
 
 TEST(small_files_are_whole) {
     for (int k = 0; k < SMALL_KINDS; k++) {
@@ -127,8 +127,8 @@ TEST(header_messages) {
     c = copy_blob(b), *strchr((char *)c.bytes + HEADER_FIXED, 's') = 'x', reseal_header(c);
     expect_text(c, "f: a kind of pbs file that this program does not know");
     c = copy_blob(b);
-    CHECK(!strcmp(read_text(c, PBS_KIND(PBS_SURFELS) | PBS_KIND(PBS_POINTS), false),
-                  "f: is a file of kind scene where surfels or points is wanted"));
+    CHECK(!strcmp(read_text(c, PBS_KIND(PBS_SURFELS) | PBS_KIND(PBS_VOXELS), false),
+                  "f: is a file of kind scene where surfels or voxels is wanted"));
     pbs_put_u64(c.bytes + HEADER_COMPAT_AT, ~0ull); /* additions that may be ignored */
     pbs_put_u16(c.bytes + HEADER_MINOR_AT, 77);
     reseal_header(c);

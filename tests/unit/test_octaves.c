@@ -91,13 +91,15 @@ TEST(an_archive_gives_them_back) {
         wish w = good;
         w.archive = true, w.chunk = chunk;
         CHECK(!open_archive(&w, &a));
-        CHECK(a.octave.stride == 4 && a.octaves[0]);
+        pbs_node_data d;
+        CHECK(!pbs_archive_load_node(&a, 0, &d, &err) && a.octave.stride == 4 && d.octaves);
         int wrong = 0;
-        for (size_t i = 0; i < 4 * ENTRIES; i++) wrong += a.octaves[0][i] != (uint8_t)(i * 7);
+        for (size_t i = 0; i < 4 * ENTRIES; i++) wrong += d.octaves[i] != (uint8_t)(i * 7);
         CHECK_NUM(wrong == 0, wrong);
+        pbs_node_data_free(&a, &d);
         pbs_archive_close(&a);
         w.entries = 0;
-        CHECK(!open_archive(&w, &a) && !a.octaves[0]);
+        CHECK(!open_archive(&w, &a) && !pbs_archive_has(&a, 0, PBS_SORT_OCTAVES));
         pbs_archive_close(&a);
     }
     CHECK(pbs_mem_used(&run) == 0);

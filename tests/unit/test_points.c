@@ -440,17 +440,22 @@ TEST(archive_comes_back) {
         CHECK(a.node_count == 2 && a.nodes[1].child_count == 1 && a.record.channels == subset(i));
         for (uint32_t id = 0; id < 2; id++) {
             pbs_points p, back;
+            pbs_node_data d;
+            size_t chunks;
             const pbs_node *n = &a.nodes[id];
+            CHECK(!pbs_archive_load_node(&a, id, &d, &err));
             fill_points(&run, subset(i), 4 + 2 * id, id + 9, &p);
             must(pbs_points_alloc(&run, subset(i), p.count, &back, &err), &err);
             back.count = 0;
             pbs_lattice l = {{n->lattice_min[0], n->lattice_min[1], n->lattice_min[2]}, n->lattice};
             pbs_chunk c = {.count = (uint32_t)p.count,
                            .bytes = p.count * a.record.stride,
-                           .payload = a.records[id]};
+                           .payload = d.records};
             CHECK(n->records == p.count && !pbs_points_read("f", &a.record, &c, &back, &l, &err));
             check_packed(&p, &back, &l);
-            CHECK(same_attributes(&p, &back) && !a.joined[0] && a.joined[1]);
+            pbs_archive_list(&a, id, PBS_SORT_POINTS, &chunks);
+            CHECK(same_attributes(&p, &back) && chunks == 1 + id);
+            pbs_node_data_free(&a, &d);
             pbs_points_free(&run, &p);
             pbs_points_free(&run, &back);
         }
@@ -467,15 +472,20 @@ TEST(archive_hostile_bits) {
     for (size_t bit = 8 * pbs_get_u32(b.bytes + HEADER_BYTES_AT); bit < 8 * b.size; bit += 3) {
         blob c = copy_blob(b);
         pbs_archive a;
+        pbs_node_data d;
         volatile uint8_t sum = 0;
         c.bytes[bit / 8] ^= (uint8_t)(1 << bit % 8);
         reseal(c);
         pbs_code rc = open_archive_blob(c, &a), checked = check_blob(&run, c, false, NULL);
         CHECK(rc == PBS_OK || rc == PBS_DATA);
-        for (size_t i = 0; !rc && i < a.node_count; i++)
-            for (uint64_t k = 0; k < a.nodes[i].records * a.record.stride; k++)
-                sum += a.records[i][k];
-        if (!rc) pbs_archive_close(&a);
+        bool opened = !rc;
+        for (uint32_t i = 0; !rc && i < a.node_count; i++) {
+            if ((rc = pbs_archive_load_node(&a, i, &d, &err))) break;
+            for (uint64_t k = 0; k < a.nodes[i].records * a.record.stride; k++) sum += d.records[k];
+            pbs_node_data_free(&a, &d);
+        }
+        CHECK(rc == PBS_OK || rc == PBS_DATA);
+        if (opened) pbs_archive_close(&a);
         differ += rc == PBS_DATA && checked == PBS_OK;
         free(c.bytes);
     }
