@@ -7,7 +7,7 @@ layout(std430, binding = 0) readonly buffer Records { uint word[]; };
 // Looks of the surfels: normal, colour, material, emissive. Those of the octave that is too fine
 // (first word, stride) and, of the first of them, those of the one that is too coarse (count), of
 // which `blend` is taken.
-struct Node {
+layout(std140, binding = 0) uniform Node {
     vec4 to_view[3];           // lattice to view, rows
     vec4 disc_to_view[3];      // disc's radius in the node to view
     vec4 to_view_normal[3];    // its cofactors
@@ -17,9 +17,7 @@ struct Node {
     ivec4 fine_field, coarse_field; // word of each, or -1
     float blend;
     float wanted, unit, slack; // radius that is wanted at distance 1, or 0; of spacing 1; in radii
-};
-layout(std430, binding = 1) readonly buffer Nodes { Node nodes[]; };
-layout(location = 0) in uint number;
+} node;
 
 uniform float smallest;        // least half axis of a disc's picture, at distance 1
 uniform vec3 project;          // x and y scale, near
@@ -27,8 +25,6 @@ uniform vec3 project;          // x and y scale, near
 out vec2 at;                   // in the disc: inside the unit circle
 flat out vec3 lit;
 flat out float sag;            // how much farther a disc's rim counts than it is
-
-#define NODE nodes[number]
 
 mat3 rows(vec4 r[3]) {
     return transpose(mat3(r[0].xyz, r[1].xyz, r[2].xyz));
@@ -57,10 +53,10 @@ Look look_at(uint w, ivec4 field) {
 }
 
 Look look_of(uint i) {
-    Look a = look_at(NODE.fine.x + i * NODE.fine.y, NODE.fine_field);
-    if (i >= NODE.coarse.z) return a;
-    Look b = look_at(NODE.coarse.x + i * NODE.coarse.y, NODE.coarse_field);
-    float blend = NODE.blend;
+    Look a = look_at(node.fine.x + i * node.fine.y, node.fine_field);
+    if (i >= node.coarse.z) return a;
+    Look b = look_at(node.coarse.x + i * node.coarse.y, node.coarse_field);
+    float blend = node.blend;
     // Opposite normals have no mean.
     if (dot(a.normal, b.normal) < -0.99) b.normal = a.normal;
     return Look(mix(a.normal, b.normal, blend), mix(a.albedo, b.albedo, blend),
@@ -70,17 +66,17 @@ Look look_of(uint i) {
 void main() {
     // Corners of a triangle around the unit circle.
     const vec2 corner[3] = vec2[3](vec2(-1.7320508, -1.0), vec2(1.7320508, -1.0), vec2(0.0, 2.0));
-    uint i = uint(gl_VertexID / 3), w = NODE.first + i * NODE.stride;
-    mat3 disc_to_view = rows(NODE.disc_to_view);
+    uint i = uint(gl_VertexID / 3), w = node.first + i * node.stride;
+    mat3 disc_to_view = rows(node.disc_to_view);
     at = corner[gl_VertexID % 3];
     vec4 q = vec4(word[w] & 0xffffu, word[w] >> 16, word[w + 1u] & 0xffffu, 1.0);
-    vec3 c = vec3(dot(NODE.to_view[0], q), dot(NODE.to_view[1], q), dot(NODE.to_view[2], q));
+    vec3 c = vec3(dot(node.to_view[0], q), dot(node.to_view[1], q), dot(node.to_view[2], q));
     // Beyond the paper: the prefix is that of the node's nearest point. A surfel farther away whose
     // spacing is within the radius that is wanted there is covered by those before it, as large.
-    float far = max(1.0, NODE.wanted * -c.z);
-    if (NODE.wanted > 0.0 && i > 0u && far > 1.0) {
-        float spacing = NODE.unit * unpackHalf2x16(word[w + 1u]).y;
-        if (spacing + NODE.slack <= far) {
+    float far = max(1.0, node.wanted * -c.z);
+    if (node.wanted > 0.0 && i > 0u && far > 1.0) {
+        float spacing = node.unit * unpackHalf2x16(word[w + 1u]).y;
+        if (spacing + node.slack <= far) {
             lit = vec3(0);
             sag = 0.0;
             gl_Position = vec4(0, 0, -1, 1);
@@ -90,9 +86,9 @@ void main() {
     }
     Look look = look_of(i);
     vec3 v = -normalize(c), n = v, local = v * disc_to_view;
-    if (NODE.fine_field.x >= 0) {
+    if (node.fine_field.x >= 0) {
         local = look.normal;
-        n = rows(NODE.to_view_normal) * local;
+        n = rows(node.to_view_normal) * local;
     }
     local = normalize(local);
     n = normalize(n);

@@ -1,68 +1,29 @@
-/* draw_batch.c: numbers of many nodes for one draw call, and the way of the host's records to the
- * GPU. */
+/* draw_batch.c: the numbers of many nodes, uploaded at once, and the way of the host's records to
+ * the GPU. */
 #include "cmd/pbs-view/draw_internal.h"
 
-pbs_code pbs_batch_begin(pbs_canvas *c, size_t nodes, size_t param_size, size_t command_size,
-                         pbs_err *err) {
+pbs_code pbs_batch_begin(pbs_canvas *c, size_t nodes, pbs_err *err) {
     batch *b = &c->batch;
-    size_t params = nodes * param_size, commands = nodes * command_size;
-    if (params > (size_t)c->gl->max_storage)
-        return pbs_fail(err, PBS_LIMIT, "%zu nodes in one picture: too many for %s", nodes,
-                        c->gl->device);
-    pbs_code rc = pbs_grow(c->run, &b->param, &b->param_cap, params, 1, "the nodes drawn", err);
-    if (!rc)
-        rc = pbs_grow(c->run, &b->command, &b->command_cap, commands, 1, "the nodes drawn", err);
-    if (rc) return rc;
-    memset(b->param, 0, params);
-    memset(b->command, 0, commands);
-    return PBS_OK;
+    pbs_code rc =
+        pbs_grow(c->run, &b->blocks, &b->cap, nodes * PBS_BLOCK, 1, "the nodes drawn", err);
+    if (!rc) memset(b->blocks, 0, nodes * PBS_BLOCK);
+    return rc;
 }
 
-static pbs_code number_up_to(pbs_canvas *c, size_t nodes, pbs_err *err) {
+void pbs_batch_send(pbs_canvas *c, size_t nodes) {
     batch *b = &c->batch;
-    uint32_t *n, count = 1024;
-    if (nodes <= b->number_count) return PBS_OK;
-    while (count < nodes) count *= 2;
-    pbs_code rc = pbs_alloc(c->run, &n, count, sizeof *n, "the nodes drawn", err);
-    if (rc) return rc;
-    for (uint32_t i = 0; i < count; i++) n[i] = i;
-    c->gl->NamedBufferData(b->numbers, (GLsizeiptr)(count * sizeof *n), n, GL_STATIC_DRAW);
-    pbs_free(c->run, n);
-    b->number_count = count;
-    return PBS_OK;
+    if (!b->buffer) c->gl->CreateBuffers(1, &b->buffer);
+    c->gl->NamedBufferData(b->buffer, (GLsizeiptr)(nodes * PBS_BLOCK), b->blocks, GL_STREAM_DRAW);
 }
 
-pbs_code pbs_batch_send(pbs_canvas *c, size_t nodes, size_t param_size, size_t command_size,
-                        GLuint array, pbs_err *err) {
-    const pbs_gl *gl = c->gl;
-    batch *b = &c->batch;
-    if (!b->params) {
-        gl->CreateBuffers(1, &b->params);
-        gl->CreateBuffers(1, &b->commands);
-        gl->CreateBuffers(1, &b->numbers);
-    }
-    pbs_code rc = number_up_to(c, nodes, err);
-    if (rc) return rc;
-    gl->NamedBufferData(b->params, (GLsizeiptr)(nodes * param_size), b->param, GL_STREAM_DRAW);
-    gl->NamedBufferData(b->commands, (GLsizeiptr)(nodes * command_size), b->command,
-                        GL_STREAM_DRAW);
-    gl->BindBufferBase(GL_SHADER_STORAGE_BUFFER, 1, b->params);
-    gl->BindBuffer(GL_DRAW_INDIRECT_BUFFER, b->commands);
-    gl->BindVertexArray(array);
-    gl->VertexArrayVertexBuffer(array, 0, b->numbers, 0, 4);
-    gl->VertexArrayAttribIFormat(array, 0, 1, GL_UNSIGNED_INT, 0);
-    gl->VertexArrayAttribBinding(array, 0, 0);
-    gl->VertexArrayBindingDivisor(array, 0, 1u << 30);
-    gl->EnableVertexArrayAttrib(array, 0);
-    return PBS_OK;
+void pbs_batch_use(const pbs_canvas *c, size_t i) {
+    c->gl->BindBufferRange(GL_UNIFORM_BUFFER, 0, c->batch.buffer, (GLintptr)(i * PBS_BLOCK),
+                           PBS_BLOCK);
 }
 
 void pbs_batch_free(pbs_canvas *c) {
-    c->gl->DeleteBuffers(1, &c->batch.params);
-    c->gl->DeleteBuffers(1, &c->batch.commands);
-    c->gl->DeleteBuffers(1, &c->batch.numbers);
-    pbs_free(c->run, c->batch.param);
-    pbs_free(c->run, c->batch.command);
+    c->gl->DeleteBuffers(1, &c->batch.buffer);
+    pbs_free(c->run, c->batch.blocks);
 }
 
 pbs_code pbs_canvas_stream(pbs_canvas *c, const void *const *piece, const size_t *size, int pieces,

@@ -1,5 +1,4 @@
-/* draw_disc.c: surfels as oriented discs, one draw a node, all of them by one call a buffer: paper
- * 1, section 4.2. */
+/* draw_disc.c: surfels as oriented discs, one draw a node: paper 1, section 4.2. */
 #include "cmd/pbs-view/draw_internal.h"
 #include "libcore/average.h"
 #include "libcore/lod.h"
@@ -10,7 +9,7 @@
  * lies. */
 #define LEAST_HALF_AXIS 0.70710678f
 
-/* As disc.vert.glsl has it (std430). */
+/* As disc.vert.glsl has it (std140). */
 typedef struct node_params {
     float to_view[3][4], disc[3][4], normal[3][4];
     uint32_t first, stride, fine, fine_stride; /* words */
@@ -18,10 +17,6 @@ typedef struct node_params {
     int32_t fine_field[4], coarse_field[4];
     float blend, wanted, unit, slack;
 } node_params;
-
-typedef struct command {
-    uint32_t count, instances, first, base;
-} command;
 
 /* In words, as the shader wants it; -1: absent. */
 static int32_t field_word(uint32_t channels, uint32_t channel) {
@@ -131,40 +126,32 @@ static pbs_code stream(pbs_canvas *c, const pbs_surfels *n, uint64_t *octaves, p
     return pbs_canvas_stream(c, piece, size, 2, err);
 }
 
-static void draw_run(const pbs_canvas *c, GLuint buffer, size_t first, size_t count) {
+static void draw_node(pbs_canvas *c, size_t i, GLuint buffer, uint32_t prefix) {
+    pbs_batch_use(c, i);
     c->gl->BindBufferBase(GL_SHADER_STORAGE_BUFFER, 0, buffer);
-    c->gl->MultiDrawArraysIndirect(GL_TRIANGLES, (const char *)0 + first * sizeof(command),
-                                   (GLsizei)count, 0);
+    c->gl->DrawArrays(GL_TRIANGLES, 0, (GLsizei)(3 * prefix));
+    c->calls++;
 }
 
 static pbs_code draw_streamed(pbs_canvas *c, const pbs_surfels *node, pbs_err *err) {
     uint64_t octaves;
-    pbs_code rc = pbs_batch_begin(c, 1, sizeof(node_params), sizeof(command), err);
+    pbs_code rc = pbs_batch_begin(c, 1, err);
     if (!rc) rc = stream(c, node, &octaves, err);
     if (rc) return rc;
-    fill(c, node, 0, octaves, c->batch.param);
-    *(command *)c->batch.command = (command){3 * node->prefix, 1, 0, 0};
-    rc = pbs_batch_send(c, 1, sizeof(node_params), sizeof(command), c->disc.array, err);
-    if (!rc) draw_run(c, c->stream, 0, 1);
-    return rc;
+    fill(c, node, 0, octaves, pbs_batch_block(c, 0));
+    pbs_batch_send(c, 1);
+    draw_node(c, 0, c->stream, node->prefix);
+    return PBS_OK;
 }
 
 static pbs_code draw_resident(pbs_canvas *c, const pbs_surfels *nodes, size_t count, pbs_err *err) {
-    pbs_code rc = pbs_batch_begin(c, count, sizeof(node_params), sizeof(command), err);
+    pbs_code rc = pbs_batch_begin(c, count, err);
     if (rc) return rc;
-    command *commands = c->batch.command;
-    node_params *params = c->batch.param;
-    for (size_t i = 0; i < count; i++) {
-        fill(c, &nodes[i], nodes[i].at, nodes[i].octave, &params[i]);
-        commands[i] = (command){3 * nodes[i].prefix, 1, 0, (uint32_t)i};
-    }
-    rc = pbs_batch_send(c, count, sizeof *params, sizeof *commands, c->disc.array, err);
-    for (size_t i = 0, n; i < count && !rc; i += n) {
-        for (n = 1; i + n < count && nodes[i + n].buffer == nodes[i].buffer;) n++;
-        draw_run(c, nodes[i].buffer, i, n);
-        c->calls++;
-    }
-    return rc;
+    for (size_t i = 0; i < count; i++)
+        fill(c, &nodes[i], nodes[i].at, nodes[i].octave, pbs_batch_block(c, i));
+    pbs_batch_send(c, count);
+    for (size_t i = 0; i < count; i++) draw_node(c, i, nodes[i].buffer, nodes[i].prefix);
+    return PBS_OK;
 }
 
 pbs_code pbs_canvas_surfels(pbs_canvas *c, const pbs_surfels *nodes, size_t count, pbs_err *err) {
@@ -175,6 +162,7 @@ pbs_code pbs_canvas_surfels(pbs_canvas *c, const pbs_surfels *nodes, size_t coun
     gl->Uniform1f(c->disc.smallest,
                   LEAST_HALF_AXIS * (float)pbs_camera_pixel(&c->camera, c->height));
     gl->Uniform1i(c->disc.samples, c->samples);
+    gl->BindVertexArray(c->disc.array);
     for (size_t i = 0; i < count && !rc; i++) rc = check(&nodes[i], err);
     for (size_t i = 0, n; i < count && !rc; i += n) {
         for (n = 0; i + n < count && nodes[i + n].buffer;) n++;

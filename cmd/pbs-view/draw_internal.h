@@ -13,14 +13,12 @@ typedef struct disc_painter {
     GLint smallest, samples;
 } disc_painter;
 
-/* What is drawn by one call or a few: a block of numbers for each node, which shaders find by the
- * number that an instanced attribute carries (its divisor is so large that all instances of a draw
- * have the base instance's), and the commands. */
+/* The numbers of many nodes, uploaded at once: a uniform block for each. */
+enum { PBS_BLOCK = 256 }; /* bytes of one; every device can bind at multiples of this */
 typedef struct batch {
-    GLuint params, commands, numbers;
-    uint32_t number_count; /* that `numbers` counts up to */
-    void *param, *command; /* the host's copies */
-    size_t param_cap, command_cap;
+    GLuint buffer;
+    uint8_t *blocks; /* the host's copy */
+    size_t cap;
 } batch;
 
 /* Framebuffer and its renderbuffers; 0: none. */
@@ -94,13 +92,15 @@ void pbs_voxel_painter_free(pbs_canvas *c);
 void pbs_near_painter_free(pbs_canvas *c);
 void pbs_batch_free(pbs_canvas *c);
 
-/* Room for so many nodes, in the host's memory: c->batch.param and command are cleared arrays. */
-pbs_code pbs_batch_begin(pbs_canvas *c, size_t nodes, size_t param_size, size_t command_size,
-                         pbs_err *err);
-/* Uploads both, binds the params as storage buffer 1 and the commands; array gets the numbers as
- * its attribute 0. */
-pbs_code pbs_batch_send(pbs_canvas *c, size_t nodes, size_t param_size, size_t command_size,
-                        GLuint array, pbs_err *err);
+/* Room for so many cleared blocks in the host's memory: c->batch.blocks. */
+pbs_code pbs_batch_begin(pbs_canvas *c, size_t nodes, pbs_err *err);
+void pbs_batch_send(pbs_canvas *c, size_t nodes);
+/* Node i's becomes uniform block 0. */
+void pbs_batch_use(const pbs_canvas *c, size_t i);
+static inline void *pbs_batch_block(const pbs_canvas *c, size_t i) {
+    return c->batch.blocks + i * PBS_BLOCK;
+}
+
 /* Binds the materials as storage buffer 3; behind them is the one of what has none. */
 pbs_code pbs_canvas_palette(pbs_canvas *c, const pbs_palette *palette, pbs_err *err);
 /* Puts the host's pieces, one behind the other, into the stream buffer in place of what was there.

@@ -2,16 +2,12 @@
 #include "cmd/pbs-view/draw_internal.h"
 #include "shaders.h"
 
-/* As near.vert.glsl has it (std430). */
+/* As near.vert.glsl has it (std140). */
 typedef struct mesh_params {
     float to_view[3][4], normal_rows[3][4];
     int32_t index, position, normal, colour, triangle_material;
     uint32_t material, pad[2];
 } mesh_params;
-
-typedef struct command {
-    uint32_t count, instances, first, base;
-} command;
 
 typedef struct gpu_material {
     float base[4], emissive[4], rest[4];
@@ -80,23 +76,18 @@ pbs_code pbs_canvas_triangles(pbs_canvas *c, const pbs_placed_mesh *meshes, size
                               const pbs_palette *palette, pbs_err *err) {
     pbs_code rc = count ? init(c, err) : PBS_OK;
     if (rc || !count) return rc;
-    rc = pbs_batch_begin(c, count, sizeof(mesh_params), sizeof(command), err);
+    rc = pbs_batch_begin(c, count, err);
     if (!rc) rc = pbs_canvas_palette(c, palette, err);
     if (rc) return rc;
-    mesh_params *params = c->batch.param;
-    command *commands = c->batch.command;
-    for (size_t i = 0; i < count; i++) {
-        fill(c, &meshes[i], &params[i]);
-        commands[i] = (command){3 * meshes[i].count, 1, 0, (uint32_t)i};
-    }
+    for (size_t i = 0; i < count; i++) fill(c, &meshes[i], pbs_batch_block(c, i));
     pbs_canvas_view_uniforms(c, c->near.program);
-    rc = pbs_batch_send(c, count, sizeof *params, sizeof *commands, c->near.array, err);
-    for (size_t i = 0, n; i < count && !rc; i += n) {
-        for (n = 1; i + n < count && meshes[i + n].buffer == meshes[i].buffer;) n++;
+    pbs_batch_send(c, count);
+    c->gl->BindVertexArray(c->near.array);
+    for (size_t i = 0; i < count; i++) {
+        pbs_batch_use(c, i);
         c->gl->BindBufferBase(GL_SHADER_STORAGE_BUFFER, 0, meshes[i].buffer);
-        c->gl->MultiDrawArraysIndirect(GL_TRIANGLES, (const char *)0 + i * sizeof(command),
-                                       (GLsizei)n, 0);
+        c->gl->DrawArrays(GL_TRIANGLES, 0, (GLsizei)(3 * meshes[i].count));
         c->calls++;
     }
-    return rc ? rc : pbs_gl_check(c->gl, "meshes", err);
+    return pbs_gl_check(c->gl, "meshes", err);
 }

@@ -29,17 +29,13 @@ static pbs_code make_indices(pbs_canvas *c, pbs_err *err) {
     return PBS_OK;
 }
 
-/* As voxel.vert.glsl has it (std430). */
+/* As voxel.vert.glsl has it (std140). */
 typedef struct node_params {
     float to_view[3][4], normal[3][4];
     float eye[3], hand;
     int32_t look[4], place, face, faces; /* words; -1: absent */
     uint32_t face_count, face_colours, number, pad[2];
 } node_params;
-
-typedef struct command {
-    uint32_t count, instances, first, vertex, base;
-} command;
 
 static pbs_code make_program(pbs_canvas *c, const char *defines, GLuint *out, GLint *batch_at,
                              pbs_err *err) {
@@ -108,58 +104,47 @@ static int32_t behind(int32_t array, uint64_t words) {
     return array < 0 ? -1 : array + (int32_t)words;
 }
 
-/* Voxels done on of a node: whole instances and what is left are two draws. Returns how many. */
-static uint32_t add_draws(const pbs_canvas *c, const pbs_cubes *n, uint32_t number, uint32_t base,
-                          node_params *params, command *commands) {
-    uint32_t whole = n->count / BATCH, rest = n->count % BATCH, made = 0;
-    for (int part = 0; part < 2; part++) {
-        uint64_t at = n->at / 4 + (part ? (uint64_t)whole * BATCH : 0);
-        if (!(part ? rest : whole)) continue;
-        node_params *p = &params[made];
-        place_node(c, n, p);
-        p->place = behind(n->place, at);
-        p->look[0] = behind(n->normal, at);
-        p->look[1] = behind(n->colour, at);
-        p->look[2] = behind(n->material, at);
-        p->look[3] = behind(n->emissive, at);
-        p->face = behind(n->face_count ? n->face : -1, at);
-        p->faces = behind(n->faces, n->at / 4);
-        p->face_count = n->face_count;
-        p->face_colours = n->face_colours;
-        p->number = number;
-        commands[made] =
-            (command){(part ? rest : BATCH) * INDICES, part ? 1 : whole, 0, 0, base + made};
-        made++;
-    }
-    return made;
+static void fill(const pbs_canvas *c, const pbs_cubes *n, uint64_t done, uint32_t number,
+                 node_params *p) {
+    uint64_t at = n->at / 4 + done;
+    place_node(c, n, p);
+    p->place = behind(n->place, at);
+    p->look[0] = behind(n->normal, at);
+    p->look[1] = behind(n->colour, at);
+    p->look[2] = behind(n->material, at);
+    p->look[3] = behind(n->emissive, at);
+    p->face = behind(n->face_count ? n->face : -1, at);
+    p->faces = behind(n->faces, n->at / 4);
+    p->face_count = n->face_count;
+    p->face_colours = n->face_colours;
+    p->number = number;
 }
 
-static void draw_run(pbs_canvas *c, GLuint buffer, size_t first, size_t count) {
+static void draw_part(pbs_canvas *c, size_t i, GLuint buffer, uint32_t voxels, uint32_t instances) {
+    if (!voxels || !instances) return;
+    pbs_batch_use(c, i);
     c->gl->BindBufferBase(GL_SHADER_STORAGE_BUFFER, 0, buffer);
-    c->gl->MultiDrawElementsIndirect(GL_TRIANGLES, GL_UNSIGNED_SHORT,
-                                     (const char *)0 + first * sizeof(command), (GLsizei)count, 0);
+    c->gl->DrawElementsInstanced(GL_TRIANGLES, (GLsizei)(voxels * INDICES), GL_UNSIGNED_SHORT, NULL,
+                                 (GLsizei)instances);
     c->calls++;
 }
 
+/* Whole instances of a node's voxels, and what is left, are two draws. */
 static pbs_code draw_resident(pbs_canvas *c, const pbs_cubes *nodes, size_t count, uint32_t number,
                               pbs_err *err) {
-    uint32_t made = 0, begin = 0;
-    pbs_code rc = pbs_batch_begin(c, 2 * count, sizeof(node_params), sizeof(command), err);
+    pbs_code rc = pbs_batch_begin(c, 2 * count, err);
     if (rc) return rc;
-    node_params *params = c->batch.param;
-    command *commands = c->batch.command;
-    for (size_t i = 0; i < count; i++)
-        made += add_draws(c, &nodes[i], number + (uint32_t)i, made, params + made, commands + made);
-    if (!made) return PBS_OK;
-    rc = pbs_batch_send(c, made, sizeof *params, sizeof *commands, c->voxel.array, err);
-    made = 0;
-    for (size_t i = 0; i < count && !rc; i++) {
-        made += (nodes[i].count >= BATCH) + (nodes[i].count % BATCH != 0);
-        if (i + 1 < count && nodes[i + 1].buffer == nodes[i].buffer) continue;
-        if (made > begin) draw_run(c, nodes[i].buffer, begin, made - begin);
-        begin = made;
+    for (size_t i = 0; i < count; i++) {
+        uint32_t n = number + (uint32_t)i;
+        fill(c, &nodes[i], 0, n, pbs_batch_block(c, 2 * i));
+        fill(c, &nodes[i], nodes[i].count / BATCH * BATCH, n, pbs_batch_block(c, 2 * i + 1));
     }
-    return rc;
+    pbs_batch_send(c, 2 * count);
+    for (size_t i = 0; i < count; i++) {
+        draw_part(c, 2 * i, nodes[i].buffer, BATCH, nodes[i].count / BATCH);
+        draw_part(c, 2 * i + 1, nodes[i].buffer, nodes[i].count % BATCH, 1);
+    }
+    return PBS_OK;
 }
 
 /* Voxels of the host's memory, through the stream buffer. */
@@ -239,6 +224,7 @@ pbs_code pbs_canvas_voxels(pbs_canvas *c, const pbs_cubes *nodes, size_t count,
     if (rc) return rc;
     pbs_canvas_view_uniforms(c, noted ? c->voxel.probing : c->voxel.program);
     gl->Uniform1ui(noted ? c->voxel.note_batch : c->voxel.batch, BATCH);
+    gl->BindVertexArray(c->voxel.array);
     if (mode->probes) write_to(gl, false);
     for (size_t i = 0, n; i < count && !rc; i += n) {
         for (n = 0; i + n < count && nodes[i + n].buffer;) n++;

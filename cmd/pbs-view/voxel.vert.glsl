@@ -5,7 +5,7 @@
 
 layout(std430, binding = 0) readonly buffer Arrays { uint word[]; };
 
-struct Node {
+layout(std140, binding = 0) uniform Node {
     vec4 to_view[3];           // cells to view, rows
     vec4 to_view_normal[3];    // its cofactors
     vec3 eye;                  // in cells
@@ -14,8 +14,7 @@ struct Node {
                                // colour, material, emissive
     int place, face, faces;    // where its faces begin in the list; that list
     uint face_count, face_colours, number;
-};
-layout(std430, binding = 1) readonly buffer Nodes { Node nodes[]; };
+} node;
 
 struct Material {
     vec4 base, emissive;       // linear
@@ -23,11 +22,9 @@ struct Material {
 };
 layout(std430, binding = 3) readonly buffer Palette { Material materials[]; };
 
-layout(location = 0) in uint node;
 uniform uint batch;            // voxels of an instance
 uniform vec3 project;          // x and y scale, near
 
-#define NODE nodes[node]
 flat out uint number;
 flat out vec3 lit;
 
@@ -45,9 +42,9 @@ mat3 rows(vec4 r[3]) {
 // The attribute of the face that is bit `face` of the mask.
 void dress(uint i, uint flags, int face, inout vec3 albedo, inout vec2 material,
            inout vec3 emissive) {
-    uint at = word[uint(NODE.face) + i] + uint(bitCount(flags & ((1u << face) - 1u)));
-    uint a = word[uint(NODE.faces) + min(at, NODE.face_count - 1u)];
-    if (NODE.face_colours != 0u) {
+    uint at = word[uint(node.face) + i] + uint(bitCount(flags & ((1u << face) - 1u)));
+    uint a = word[uint(node.faces) + min(at, node.face_count - 1u)];
+    if (node.face_colours != 0u) {
         albedo = linear_from_srgb(unpackUnorm4x8(a).rgb);
         return;
     }
@@ -60,33 +57,33 @@ void dress(uint i, uint flags, int face, inout vec3 albedo, inout vec2 material,
 vec3 light(uint i, uint flags, vec3 c, vec3 face, int bit) {
     vec3 n = face, albedo = vec3(1), emissive = vec3(0), v = -normalize(c);
     vec2 material = vec2(0, 1);
-    ivec4 look = NODE.look;
-    mat3 to_view_normal = rows(NODE.to_view_normal);
+    ivec4 look = node.look;
+    mat3 to_view_normal = rows(node.to_view_normal);
     if (look.x >= 0 && word[uint(look.x) + i] != 0u) n = normal_of(word[uint(look.x) + i]);
     if (look.y >= 0) albedo = linear_from_srgb(unpackUnorm4x8(word[uint(look.y) + i]).rgb);
     if (look.z >= 0) material = unpackUnorm4x8(word[uint(look.z) + i]).xy;
     if (look.w >= 0) emissive = linear_from_srgb(unpackUnorm4x8(word[uint(look.w) + i]).rgb);
-    if (NODE.face >= 0) dress(i, flags, bit, albedo, material, emissive);
-    n = normalize(NODE.hand * (to_view_normal * n));
+    if (node.face >= 0) dress(i, flags, bit, albedo, material, emissive);
+    n = normalize(node.hand * (to_view_normal * n));
     // shade() turns normals to the viewer. A mean normal may look away from one who sees the face,
     // of thin parts often; where the other side is none of the surface the face has its own then.
     if (dot(n, v) < 0.0 && (flags & TWO_SIDED) == 0u)
-        n = normalize(NODE.hand * (to_view_normal * face));
+        n = normalize(node.hand * (to_view_normal * face));
     return shade(c, n, albedo, material.x, material.y, emissive);
 }
 
 vec3 view(vec3 cell) {
     vec4 q = vec4(cell, 1.0);
-    return vec3(dot(NODE.to_view[0], q), dot(NODE.to_view[1], q), dot(NODE.to_view[2], q));
+    return vec3(dot(node.to_view[0], q), dot(node.to_view[1], q), dot(node.to_view[2], q));
 }
 
 void main() {
-    number = NODE.number;
+    number = node.number;
     uint i = uint(gl_InstanceID) * batch + uint(gl_VertexID) / 7u;
     int corner = gl_VertexID % 7, k = (corner + 2) % 3; // 1 and 4 are of x
-    uint p = word[uint(NODE.place) + i], flags = p >> 24;
+    uint p = word[uint(node.place) + i], flags = p >> 24;
     vec3 low = vec3(p & 255u, p >> 8 & 255u, p >> 16 & 255u);
-    vec3 eye = NODE.eye, at = step(low + 0.5, eye); // the near corner, in the voxel
+    vec3 eye = node.eye, at = step(low + 0.5, eye); // the near corner, in the voxel
     bool upper = at[k] > 0.0;
     bool seen = (upper ? eye[k] > low[k] + 1.0 : eye[k] < low[k]) &&
                 (flags >> (2 * k + int(upper)) & 1u) != 0u;
