@@ -16,8 +16,9 @@ holds "$(stat_of few.json nodes) < $(stat_of all.json nodes)" "fewer nodes"
 holds "$(stat_of few.json resident_bytes) <= 4194304" "within the limit"
 holds "$(number few.pam all.pam hole) == 0" "no holes"
 echo "--- a damaged chunk"
-at=$(pbs-info s.pbs | awk '/ VOXL / { n++; if (n == 3) print $2 }')
-flip s.pbs $((at + 4096)) >bad.pbs
+at=$(pbs-info s.pbs | awk '/ VOXL / { n++; if (n == 3) print $1 }')
+cp s.pbs bad.pbs
+flip bad.pbs $((at + 4096))
 status pbs-view --width 320 --height 256 --camera 2.5,1.5,2.5,0,0,0 --surfel-size 0.5 --shot bad.pam bad.pbs
 holds "$(number bad.pam all.pam hole) == 0" "what is coarser stays in its place"
 echo "--- every surfel for itself"
