@@ -135,7 +135,8 @@ ifeq ($(call have,meshoptimizer.h,),yes)
 $(B)/tests/test_gltf_meshopt: LDLIBS += -lmeshoptimizer
 endif
 # The player's tests have its parts, but not its main.
-$(B)/tests/test_view $(B)/tests/test_draw $(B)/tests/test_draw_voxel: $(B)/tests/%: $(B)/obj/tests/unit/%.o \
+player_tests := test_view test_cut test_store test_draw test_draw_voxel
+$(player_tests:%=$(B)/tests/%): $(B)/tests/%: $(B)/obj/tests/unit/%.o \
     $(filter-out %/main.o,$(view)) $(B)/libformats.a $(B)/libcore.a
 	@mkdir -p $(@D)
 	$(CC) $(ALLLDFLAGS) -o $@ $^ $(LDLIBS)

@@ -6,8 +6,8 @@
  *     pbs_canvas_meshes(canvas, &scene, err);
  *     pbs_canvas_end(canvas, &image, err);
  *
- * Everything passed in is borrowed for the call: the GPU's copy goes through a buffer of fixed
- * size, so a scene of any size is drawn in the same memory. All kinds are lit by the same
+ * What is drawn lies in storage buffers of the GPU already, or in the host's memory: then it goes
+ * through a buffer of the canvas, a node at a time. All kinds are lit by the same
  * function (shade.glsl): their pictures can be compared. Structs may be zero-initialised; zero
  * means the default that is named.
  */
@@ -51,19 +51,25 @@ pbs_code pbs_canvas_begin(pbs_canvas *canvas, const pbs_frame *frame, pbs_err *e
  *     uint8 emissive[4]    PBS_EMISSIVE          sRGB, 0
  */
 typedef struct pbs_surfels {
-    const void *records; /* of surfel 0; alignment does not matter */
+    GLuint buffer;       /* that they are in; 0: they are in the host's memory */
+    uint64_t at, octave; /* bytes in it, multiples of 4: surfel 0; the octaves, 0: none */
+    const void *records; /* in the host's memory: surfel 0; alignment does not matter */
     uint32_t stride;     /* bytes, a multiple of 4; 0: what the channels need */
     uint32_t channels;   /* PBS_NORMAL, ... (record.h); without normals discs face the eye */
     uint32_t prefix;     /* surfels drawn */
     uint32_t whole;      /* surfels of the node, where it has octaves */
-    const void *octaves; /* of colours and so on (libcore/average.h, formats/octaves.h): entries
-                            without position and spacing, coarse first; NULL: every surfel is
-                            shown as itself. A prefix is shown between the two octaves that it is
-                            between */
+    const void *octaves; /* in the host's memory: of colours and so on (libcore/average.h,
+                            formats/octaves.h): entries without position and spacing, coarse first;
+                            NULL: every surfel is shown as itself. A prefix is shown between the two
+                            octaves that it is between */
     double radius;       /* of a disc, node's unit: pbs_cut_radius(.., prefix) closes the surface */
     double corner[3];    /* of the quantisation lattice, node's unit; origin included */
     double step;         /* node's unit: position = corner + step * stored */
     double m[12];        /* node to world; all 0: identity */
+    /* Beyond the paper: every surfel decides for itself with its own distance, whether those before
+     * it close the surface there. */
+    double size;  /* pixels of a disc that is wanted; 0: all of the prefix is drawn */
+    double slack; /* as in pbs_profile */
 } pbs_surfels;
 
 /* Bytes of a record with these channels. */
@@ -74,17 +80,66 @@ uint32_t pbs_surfel_size(uint32_t channels);
 pbs_code pbs_canvas_surfels(pbs_canvas *canvas, const pbs_surfels *nodes, size_t count,
                             pbs_err *err);
 
-/* A chunk of cells, as cubes. Weights and faces' own attributes are not looked at; without normals
- * a face has its own. */
+/* A chunk of cells, as cubes. Weights are not looked at; without normals a face has its own. */
 typedef struct pbs_cubes {
-    const pbs_voxels *chunks; /* its voxels, in any number of parts */
+    GLuint buffer;  /* that the arrays are in; 0: they are in the host's memory */
+    uint64_t at;    /* bytes in it, a multiple of 4: the arrays' words count from there */
+    uint32_t count; /* voxels */
+    int32_t place, normal, colour, material, emissive; /* arrays: words; -1: there is none */
+    int32_t face, faces; /* likewise: where a voxel's faces begin in the list of their attributes */
+    uint32_t face_count; /* of the list */
+    bool face_colours;   /* it has colours u8x4, else numbers of materials */
+    const pbs_voxels *chunks; /* in the host's memory: the voxels, in any number of parts */
     size_t chunk_count;
     double corner[3], side; /* of cell 0, 0, 0; of a cell; node's unit */
     double m[12];           /* node to world */
 } pbs_cubes;
 
-/* Errors: PBS_LIMIT, PBS_INTERNAL. */
-pbs_code pbs_canvas_voxels(pbs_canvas *canvas, const pbs_cubes *nodes, size_t count, pbs_err *err);
+/* Colours and so on of materials, by the number that faces' attributes have. Borrowed until the
+ * next call. */
+typedef struct pbs_palette {
+    const pbs_material *materials;
+    size_t count;
+} pbs_palette;
+
+/* frame: of each node it is noted whether a pixel of it was in the picture when it was drawn, for
+ * pbs_canvas_seen. 0: it is not; the frame's number otherwise, which is not that of the two before.
+ * Errors: PBS_LIMIT, PBS_INTERNAL. */
+typedef struct pbs_voxel_mode {
+    uint64_t frame;
+    uint32_t first, all; /* number of the first node among all draws of the frame, and of those */
+    bool probes;         /* the note is all that is wanted: neither colour nor depth is written */
+    pbs_palette palette;
+} pbs_voxel_mode;
+/* mode NULL: as they are, and nothing is noted. */
+pbs_code pbs_canvas_voxels(pbs_canvas *canvas, const pbs_cubes *nodes, size_t count,
+                           const pbs_voxel_mode *mode, pbs_err *err);
+
+/* The notes of the frame before the last one that was noted, so that nothing waits for the GPU;
+ * last: of the last one. seen[i], i < *count, belongs to the canvas until the next call; *frame 0:
+ * there are none. */
+pbs_code pbs_canvas_seen(pbs_canvas *canvas, bool last, uint64_t *frame, const uint32_t **seen,
+                         size_t *count, pbs_err *err);
+
+/* Source geometry that lies in storage buffers: a mesh, of at most 2^16 vertices. */
+typedef struct pbs_placed_mesh {
+    GLuint buffer;
+    uint32_t count;    /* triangles */
+    uint32_t material; /* of all, where they have none of their own; PBS_NONE: white */
+    int64_t position, normal, colour, index, triangle_material; /* arrays, as in pbs_mesh: bytes in
+                                                                   the buffer; -1: there is none */
+    double origin[3]; /* that positions are relative to, node's unit */
+    double m[12];     /* node to world */
+} pbs_placed_mesh;
+
+/* Materials without their textures. Two-sided. Errors: PBS_LIMIT, PBS_INTERNAL. */
+pbs_code pbs_canvas_triangles(pbs_canvas *canvas, const pbs_placed_mesh *meshes, size_t count,
+                              const pbs_palette *palette, pbs_err *err);
+
+/* Draw calls since pbs_canvas_begin, of what lies in storage buffers. */
+uint64_t pbs_canvas_calls(const pbs_canvas *canvas);
+/* The table that it draws with. */
+const pbs_gl *pbs_canvas_gl(const pbs_canvas *canvas);
 
 /* Source geometry. Two-sided; a mesh without normals is flat. Blended materials count as opaque,
  * as they do for the surfels (gbuffer.h). */

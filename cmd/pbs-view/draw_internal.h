@@ -1,4 +1,5 @@
-/* draw_internal.h: what draw.c (target, discs), draw_mesh.c (triangles) and draw_voxel.c share. */
+/* draw_internal.h: what the files that draw share: draw.c (target), draw_batch.c (numbers of many
+ * nodes at once), draw_disc.c, draw_mesh.c and draw_voxel.c. */
 #ifndef PBS_DRAW_INTERNAL_H
 #define PBS_DRAW_INTERNAL_H
 
@@ -6,7 +7,19 @@
 
 #define PBS_GLSL_VERSION "#version 450 core\n"
 
-enum { PBS_CANVAS_STREAM = 8 << 20 }; /* bytes of the buffer that records go through */
+/* Made when the first discs come; 0: not yet. */
+typedef struct disc_painter {
+    GLuint program, array;
+    GLint smallest, samples;
+} disc_painter;
+
+/* The numbers of many nodes, uploaded at once: a uniform block for each. */
+enum { PBS_BLOCK = 256 }; /* bytes of one; every device can bind at multiples of this */
+typedef struct batch {
+    GLuint buffer;
+    uint8_t *blocks; /* the host's copy */
+    size_t cap;
+} batch;
 
 /* Framebuffer and its renderbuffers; 0: none. */
 typedef struct target {
@@ -33,8 +46,21 @@ typedef struct mesh_painter {
 
 /* Made when the first voxels come; 0: not yet. */
 typedef struct voxel_painter {
-    GLuint program, indices, array;
+    GLuint program, probing, indices, array; /* probing: the same, with notes of what is seen */
+    GLint batch, note_batch;
 } voxel_painter;
+
+/* Source geometry that is in the GPU's memory. */
+typedef struct near_painter {
+    GLuint program, array;
+} near_painter;
+
+/* What was seen, of the last two frames; frame 0: none. */
+typedef struct notes {
+    GLuint buffer;
+    uint64_t frame;
+    uint32_t count, room;
+} notes;
 
 struct pbs_canvas {
     pbs_run *run;
@@ -45,27 +71,50 @@ struct pbs_canvas {
     target draw, resolved;
     pbs_camera camera;
     double aspect;
-    GLuint disc, stream, no_vertices;
-    size_t stream_at;
+    GLuint stream; /* the host's records go through it */
+    batch batch;
+    disc_painter disc;
     mesh_painter mesh;
     voxel_painter voxel;
+    near_painter near;
+    notes notes[2];
+    uint32_t *seen; /* the host's copy */
+    size_t seen_cap;
+    GLuint palette;
+    const pbs_material *palette_of; /* that it holds */
+    uint64_t calls;                 /* draw calls since the last begin */
 };
 
 void pbs_mesh_painter_init(pbs_canvas *c);
 void pbs_mesh_painter_free(pbs_canvas *c);
+void pbs_disc_painter_free(pbs_canvas *c);
 void pbs_voxel_painter_free(pbs_canvas *c);
+void pbs_near_painter_free(pbs_canvas *c);
+void pbs_batch_free(pbs_canvas *c);
 
-/* Makes room for so many bytes in the stream buffer, without a restart between them. What was
- * drawn from it before keeps its own memory: the driver gives out a new one when the buffer starts
- * again. (llvmpipe does not, but it has run the vertex shaders by then. Fragment shaders must not
- * read this buffer.) */
-void pbs_canvas_room(pbs_canvas *c, size_t size);
-/* Returns the word of the stream buffer where the bytes lie now. */
-GLuint pbs_canvas_upload(pbs_canvas *c, const void *bytes, size_t size);
+/* Room for so many cleared blocks in the host's memory: c->batch.blocks. */
+pbs_code pbs_batch_begin(pbs_canvas *c, size_t nodes, pbs_err *err);
+void pbs_batch_send(pbs_canvas *c, size_t nodes);
+/* Node i's becomes uniform block 0. */
+void pbs_batch_use(const pbs_canvas *c, size_t i);
+static inline void *pbs_batch_block(const pbs_canvas *c, size_t i) {
+    return c->batch.blocks + i * PBS_BLOCK;
+}
+
+/* Binds the materials as storage buffer 3; behind them is the one of what has none. */
+pbs_code pbs_canvas_palette(pbs_canvas *c, const pbs_palette *palette, pbs_err *err);
+/* Puts the host's pieces, one behind the other, into the stream buffer in place of what was there.
+ * (What was drawn from it before keeps its own memory: the driver gives out a new one.) Errors:
+ * PBS_LIMIT for more than a storage buffer holds. */
+pbs_code pbs_canvas_stream(pbs_canvas *c, const void *const *piece, const size_t *size, int pieces,
+                           pbs_err *err);
 
 /* Makes the program current and sets what the camera determines. */
 void pbs_canvas_view_uniforms(const pbs_canvas *c, GLuint program);
 /* Three rows of `columns` numbers each, times scale. */
 void pbs_canvas_matrix(const pbs_gl *gl, GLint place, int columns, const double *m, double scale);
 void pbs_canvas_normal_matrix(const pbs_gl *gl, GLint place, const double m[12]);
+/* The same as three rows of four floats, for a batch. normal: cofactors, the largest 1. */
+void pbs_rows(float out[3][4], const double m[12], double scale);
+void pbs_normal_rows(float out[3][4], const double m[12]);
 #endif

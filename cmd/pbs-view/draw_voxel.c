@@ -29,17 +29,34 @@ static pbs_code make_indices(pbs_canvas *c, pbs_err *err) {
     return PBS_OK;
 }
 
-/* When the first voxels are drawn: a shader's compilation is what a short run pays. */
-static pbs_code init(pbs_canvas *c, pbs_err *err) {
-    const pbs_gl *gl = c->gl;
-    voxel_painter *p = &c->voxel;
+/* As voxel.vert.glsl has it (std140). */
+typedef struct node_params {
+    float to_view[3][4], normal[3][4];
+    float eye[3], hand;
+    int32_t look[4], place, face, faces; /* words; -1: absent */
+    uint32_t face_count, face_colours, number, pad[2];
+} node_params;
+
+static pbs_code make_program(pbs_canvas *c, const char *defines, GLuint *out, GLint *batch_at,
+                             pbs_err *err) {
     const pbs_gl_stage stage[2] = {
         {GL_VERTEX_SHADER, {PBS_GLSL_VERSION, shade_glsl, voxel_vert_glsl}},
-        {GL_FRAGMENT_SHADER, {PBS_GLSL_VERSION, voxel_frag_glsl}},
+        {GL_FRAGMENT_SHADER, {PBS_GLSL_VERSION, defines, voxel_frag_glsl}},
     };
-    if (p->program) return PBS_OK;
-    pbs_code rc = pbs_gl_program(gl, "voxel", stage, 2, &p->program, err);
-    if (rc) return rc;
+    pbs_code rc = pbs_gl_program(c->gl, "voxel", stage, 2, out, err);
+    if (!rc) *batch_at = c->gl->GetUniformLocation(*out, "batch");
+    return rc;
+}
+
+/* When the first voxels are drawn: a shader's compilation is what a short run pays. */
+static pbs_code init(pbs_canvas *c, bool noted, pbs_err *err) {
+    const pbs_gl *gl = c->gl;
+    voxel_painter *p = &c->voxel;
+    pbs_code rc = PBS_OK;
+    if (noted && !p->probing)
+        rc = make_program(c, "#define NOTED\n", &p->probing, &p->note_batch, err);
+    if (!noted && !p->program) rc = make_program(c, "", &p->program, &p->batch, err);
+    if (rc || p->array) return rc;
     gl->CreateBuffers(1, &p->indices);
     gl->CreateVertexArrays(1, &p->array);
     gl->VertexArrayElementBuffer(p->array, p->indices);
@@ -49,86 +66,172 @@ static pbs_code init(pbs_canvas *c, pbs_err *err) {
 void pbs_voxel_painter_free(pbs_canvas *c) {
     const pbs_gl *gl = c->gl;
     gl->DeleteProgram(c->voxel.program);
+    gl->DeleteProgram(c->voxel.probing);
     gl->DeleteBuffers(1, &c->voxel.indices);
     gl->DeleteVertexArrays(1, &c->voxel.array);
+    gl->DeleteBuffers(1, &c->notes[0].buffer);
+    gl->DeleteBuffers(1, &c->notes[1].buffer);
+    gl->DeleteBuffers(1, &c->palette);
+    pbs_free(c->run, c->seen);
 }
 
 /* The eye in cells, from where cells are in view coordinates. A transform that presses flat has no
  * inverse; any place sees all of such voxels. */
-static void eye_in_cells(double eye[3], const double view[12]) {
+static void eye_in_cells(float eye[3], const double view[12]) {
     double cofactor[9], det = pbs_xform_det(view);
     pbs_xform_cofactor(cofactor, view);
     for (int k = 0; k < 3; k++) {
         double sum = 0;
         for (int r = 0; r < 3; r++) sum -= cofactor[3 * r + k] * view[4 * r + 3];
-        eye[k] = sum / det;
-        if (!isfinite(eye[k])) eye[k] = -1e6;
+        eye[k] = isfinite(sum / det) ? (float)(sum / det) : -1e6f;
     }
 }
 
-static void place_node(const pbs_canvas *c, const pbs_cubes *node) {
-    const pbs_gl *gl = c->gl;
-    GLuint program = c->voxel.program;
-    double s = node->side, view[12], eye[3];
+static void place_node(const pbs_canvas *c, const pbs_cubes *node, node_params *p) {
+    double s = node->side, view[12];
     double cells[12] = {s, 0, 0, node->corner[0], 0, s, 0, node->corner[1],
                         0, 0, s, node->corner[2]};
     /* In this order the corner, far from the origin as it may be, is added in double. */
     pbs_xform_mul(cells, node->m, cells);
     pbs_camera_place(view, &c->camera, cells);
-    eye_in_cells(eye, view);
-    pbs_canvas_matrix(gl, gl->GetUniformLocation(program, "to_view"), 4, view, 1);
-    pbs_canvas_normal_matrix(gl, gl->GetUniformLocation(program, "to_view_normal"), view);
-    gl->Uniform1f(gl->GetUniformLocation(program, "hand"), pbs_xform_det(view) < 0 ? -1 : 1);
-    gl->Uniform3f(gl->GetUniformLocation(program, "eye"), (float)eye[0], (float)eye[1],
-                  (float)eye[2]);
+    eye_in_cells(p->eye, view);
+    pbs_rows(p->to_view, view, 1);
+    pbs_normal_rows(p->normal, view);
+    p->hand = pbs_xform_det(view) < 0 ? -1 : 1;
 }
 
-/* Voxels first .. first + n - 1 of a chunk. */
-static void draw_some(pbs_canvas *c, const pbs_voxels *v, size_t first, size_t n) {
-    const pbs_gl *gl = c->gl;
-    GLuint program = c->voxel.program, place;
-    const uint32_t *array[4] = {v->normal, v->colour, v->material, v->emissive};
-    GLint look[4];
-    pbs_canvas_room(c, 20 * n);
-    place = pbs_canvas_upload(c, v->place + first, 4 * n);
-    for (int k = 0; k < 4; k++)
-        look[k] = array[k] ? (GLint)pbs_canvas_upload(c, array[k] + first, 4 * n) : -1;
-    for (size_t done = 0; done < n;) {
-        GLsizei whole = (GLsizei)((n - done) / BATCH);
-        size_t some = whole ? BATCH : n - done;
-        GLint at[4];
-        for (int k = 0; k < 4; k++) at[k] = look[k] < 0 ? -1 : look[k] + (GLint)done;
-        gl->Uniform1ui(gl->GetUniformLocation(program, "place"), place + (GLuint)done);
-        gl->Uniform4i(gl->GetUniformLocation(program, "look"), at[0], at[1], at[2], at[3]);
-        gl->DrawElementsInstanced(GL_TRIANGLES, (GLsizei)(some * INDICES), GL_UNSIGNED_SHORT, NULL,
-                                  whole ? whole : 1);
-        done += whole ? (size_t)whole * BATCH : some;
+static int32_t behind(int32_t array, uint64_t words) {
+    return array < 0 ? -1 : array + (int32_t)words;
+}
+
+static void fill(const pbs_canvas *c, const pbs_cubes *n, uint64_t done, uint32_t number,
+                 node_params *p) {
+    uint64_t at = n->at / 4 + done;
+    place_node(c, n, p);
+    p->place = behind(n->place, at);
+    p->look[0] = behind(n->normal, at);
+    p->look[1] = behind(n->colour, at);
+    p->look[2] = behind(n->material, at);
+    p->look[3] = behind(n->emissive, at);
+    p->face = behind(n->face_count ? n->face : -1, at);
+    p->faces = behind(n->faces, n->at / 4);
+    p->face_count = n->face_count;
+    p->face_colours = n->face_colours;
+    p->number = number;
+}
+
+static void draw_part(pbs_canvas *c, size_t i, GLuint buffer, uint32_t voxels, uint32_t instances) {
+    if (!voxels || !instances) return;
+    pbs_batch_use(c, i);
+    c->gl->BindBufferBase(GL_SHADER_STORAGE_BUFFER, 0, buffer);
+    c->gl->DrawElementsInstanced(GL_TRIANGLES, (GLsizei)(voxels * INDICES), GL_UNSIGNED_SHORT, NULL,
+                                 (GLsizei)instances);
+    c->calls++;
+}
+
+/* Whole instances of a node's voxels, and what is left, are two draws. */
+static pbs_code draw_resident(pbs_canvas *c, const pbs_cubes *nodes, size_t count, uint32_t number,
+                              pbs_err *err) {
+    pbs_code rc = pbs_batch_begin(c, 2 * count, err);
+    if (rc) return rc;
+    for (size_t i = 0; i < count; i++) {
+        uint32_t n = number + (uint32_t)i;
+        fill(c, &nodes[i], 0, n, pbs_batch_block(c, 2 * i));
+        fill(c, &nodes[i], nodes[i].count / BATCH * BATCH, n, pbs_batch_block(c, 2 * i + 1));
     }
-}
-
-static pbs_code draw_node(pbs_canvas *c, const pbs_cubes *node, pbs_err *err) {
-    const size_t most = PBS_CANVAS_STREAM / 20;
-    place_node(c, node);
-    for (size_t i = 0; i < node->chunk_count; i++) {
-        const pbs_voxels *v = &node->chunks[i];
-        for (size_t done = 0, n; done < v->count; done += n) {
-            n = v->count - done < most ? v->count - done : most;
-            pbs_code rc = pbs_run_check(c->run, err);
-            if (rc) return rc;
-            draw_some(c, v, done, n);
-        }
+    pbs_batch_send(c, 2 * count);
+    for (size_t i = 0; i < count; i++) {
+        draw_part(c, 2 * i, nodes[i].buffer, BATCH, nodes[i].count / BATCH);
+        draw_part(c, 2 * i + 1, nodes[i].buffer, nodes[i].count % BATCH, 1);
     }
     return PBS_OK;
 }
 
-pbs_code pbs_canvas_voxels(pbs_canvas *c, const pbs_cubes *nodes, size_t count, pbs_err *err) {
+/* Voxels of the host's memory, through the stream buffer. */
+static pbs_code draw_streamed(pbs_canvas *c, const pbs_cubes *node, uint32_t number, pbs_err *err) {
+    pbs_code rc = PBS_OK;
+    for (size_t i = 0; i < node->chunk_count && !rc; i++) {
+        const pbs_voxels *v = &node->chunks[i];
+        const void *piece[5] = {v->place, v->normal, v->colour, v->material, v->emissive};
+        pbs_cubes n = *node;
+        int32_t *at[5] = {&n.place, &n.normal, &n.colour, &n.material, &n.emissive}, words = 0;
+        size_t size[5];
+        for (int k = 0; k < 5; k++) {
+            size[k] = piece[k] ? 4 * v->count : 0;
+            *at[k] = piece[k] ? words : -1;
+            words += piece[k] ? (int32_t)v->count : 0;
+        }
+        n.buffer = c->stream;
+        n.at = n.face_count = 0;
+        n.count = (uint32_t)v->count;
+        rc = pbs_canvas_stream(c, piece, size, 5, err);
+        if (!rc) rc = draw_resident(c, &n, 1, number, err);
+    }
+    return rc;
+}
+
+/* ---- what is seen ---- */
+
+static pbs_code start_notes(pbs_canvas *c, const pbs_voxel_mode *mode, pbs_err *err) {
     const pbs_gl *gl = c->gl;
-    pbs_code rc = count ? init(c, err) : PBS_OK;
+    static const uint32_t none = 0;
+    notes *n = &c->notes[mode->frame % 2];
+    if (n->frame != mode->frame) {
+        if (!n->buffer) gl->CreateBuffers(1, &n->buffer);
+        if (n->room < mode->all) {
+            n->room = mode->all + mode->all / 2 + 64;
+            gl->NamedBufferData(n->buffer, (GLsizeiptr)n->room * 4, NULL, GL_DYNAMIC_READ);
+        }
+        gl->ClearNamedBufferData(n->buffer, GL_R32UI, GL_RED_INTEGER, GL_UNSIGNED_INT, &none);
+        n->frame = mode->frame;
+        n->count = mode->all;
+    }
+    gl->BindBufferBase(GL_SHADER_STORAGE_BUFFER, 2, n->buffer);
+    return pbs_gl_check(gl, "notes of what is seen", err);
+}
+
+pbs_code pbs_canvas_seen(pbs_canvas *c, bool last, uint64_t *frame, const uint32_t **seen,
+                         size_t *count, pbs_err *err) {
+    const notes *a = &c->notes[0], *b = &c->notes[1];
+    const notes *n = (a->frame > b->frame) == last ? a : b;
+    *frame = n->frame;
+    *count = n->count;
+    pbs_code rc = pbs_grow(c->run, &c->seen, &c->seen_cap, n->count + 1, sizeof *c->seen,
+                           "the list of what is seen", err);
+    if (rc || !n->frame || !n->count) return rc;
+    c->gl->MemoryBarrier(GL_BUFFER_UPDATE_BARRIER_BIT);
+    c->gl->GetNamedBufferSubData(n->buffer, 0, (GLsizeiptr)n->count * 4, c->seen);
+    *seen = c->seen;
+    return pbs_gl_check(c->gl, "notes of what is seen", err);
+}
+
+static void write_to(const pbs_gl *gl, bool all) {
+    GLboolean on = all ? GL_TRUE : GL_FALSE;
+    gl->ColorMask(on, on, on, on);
+    gl->DepthMask(on);
+}
+
+pbs_code pbs_canvas_voxels(pbs_canvas *c, const pbs_cubes *nodes, size_t count,
+                           const pbs_voxel_mode *mode, pbs_err *err) {
+    static const pbs_voxel_mode plain;
+    const pbs_gl *gl = c->gl;
+    if (!mode) mode = &plain;
+    bool noted = mode->frame != 0;
+    pbs_code rc = noted ? start_notes(c, mode, err) : PBS_OK;
     if (rc || !count) return rc;
-    pbs_canvas_view_uniforms(c, c->voxel.program);
-    gl->Uniform1ui(gl->GetUniformLocation(c->voxel.program, "batch"), BATCH);
+    rc = init(c, noted, err);
+    if (!rc) rc = pbs_canvas_palette(c, &mode->palette, err);
+    if (rc) return rc;
+    pbs_canvas_view_uniforms(c, noted ? c->voxel.probing : c->voxel.program);
+    gl->Uniform1ui(noted ? c->voxel.note_batch : c->voxel.batch, BATCH);
     gl->BindVertexArray(c->voxel.array);
-    gl->BindBufferBase(GL_SHADER_STORAGE_BUFFER, 0, c->stream);
-    for (size_t i = 0; i < count && !rc; i++) rc = draw_node(c, &nodes[i], err);
+    if (mode->probes) write_to(gl, false);
+    for (size_t i = 0, n; i < count && !rc; i += n) {
+        for (n = 0; i + n < count && nodes[i + n].buffer;) n++;
+        rc = pbs_run_check(c->run, err);
+        if (!rc && n) rc = draw_resident(c, nodes + i, n, mode->first + (uint32_t)i, err);
+        if (!rc && !n) rc = draw_streamed(c, nodes + i, mode->first + (uint32_t)i, err), n = 1;
+    }
+    if (mode->probes) write_to(gl, true);
     return rc ? rc : pbs_gl_check(gl, "voxels", err);
 }

@@ -19,6 +19,18 @@ static const pbs_option table[] = {
     {0, "surfel-size", PBS_REAL, offsetof(pbs_show_options, surfel_size), "PX",
      "diameter of a surfel, side of a voxel that the camera needs (default 2)", 0.25, 64, NULL,
      false},
+    {0, "formula", PBS_FLAG, offsetof(pbs_show_options, formula), NULL,
+     "length of the prefix by the paper's estimate, not by the spacings", 0, 0, NULL, false},
+    {0, "per-point", PBS_FLAG, offsetof(pbs_show_options, per_point), NULL,
+     "every surfel decides with its own distance whether it is drawn", 0, 0, NULL, false},
+    {0, "partial", PBS_FLAG, offsetof(pbs_show_options, partial), NULL,
+     "while loading: parts at once, with holes, and not all of a level", 0, 0, NULL, false},
+    {0, "no-occlusion", PBS_FLAG, offsetof(pbs_show_options, no_occlusion), NULL,
+     "hidden voxels are drawn as fine as others", 0, 0, NULL, false},
+    {0, "gpu-memory", PBS_BYTES, offsetof(pbs_show_options, gpu_memory), "SIZE",
+     "limit of the GPU's memory (default 1Gi)", 1 << 20, 1e15, NULL, false},
+    {0, "upload", PBS_BYTES, offsetof(pbs_show_options, upload), "SIZE",
+     "limit of what is uploaded for a picture (default 16Mi)", 1 << 10, 1e15, NULL, false},
     {0, "width", PBS_COUNT, offsetof(pbs_show_options, width), "PX",
      "of the picture (default 1024)", 16, 16384, NULL, false},
     {0, "height", PBS_COUNT, offsetof(pbs_show_options, height), "PX",
@@ -56,6 +68,7 @@ static pbs_code shoot(pbs_app *app, const pbs_show_options *o, pbs_show *show, p
         run, &gl, &(pbs_canvas_desc){(uint32_t)o->width, (uint32_t)o->height, (int)o->samples},
         &canvas, err);
     pbs_show_view view = pbs_show_first_view(show);
+    if (!rc) rc = pbs_show_settle(show, canvas, &view, err);
     if (!rc) rc = pbs_show_draw(show, canvas, &view, err);
     if (!rc) rc = pbs_canvas_end(canvas, &image, err);
     if (!rc) rc = pbs_run_check(run, err);
@@ -75,11 +88,17 @@ static pbs_code work(pbs_app *app, void *opt, pbs_err *err) {
     rc = o->shot
              ? shoot(app, o, &show, err)
              : pbs_window_run(&show, pbs_operand(app, 0) ? pbs_operand(app, 0) : "pbs-view", err);
+    if (!rc && pbs_show_trouble(&show))
+        pbs_note(app, "not all of it can be shown: %s", pbs_show_trouble(&show));
     if (!rc) {
         pbs_stat_count(app, "nodes", show.drawn_nodes);
         pbs_stat_count(app, "surfels", show.drawn_surfels);
         pbs_stat_count(app, "voxels", show.drawn_voxels);
         pbs_stat_count(app, "triangles", show.drawn_triangles);
+        pbs_stat_count(app, "draw_calls", show.draw_calls);
+        pbs_stat_count(app, "culled", show.culled);
+        pbs_stat_count(app, "missing", show.missing);
+        pbs_stat_count(app, "resident_bytes", show.resident_bytes);
         if (o->geometry)
             pbs_note_skips(app, pbs_reader_name(show.scene.reader), show.scene.skipped);
     }

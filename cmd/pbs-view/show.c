@@ -1,6 +1,4 @@
 #include "cmd/pbs-view/show.h"
-#include "cmd/pbs-view/cut.h"
-#include "formats/dag.h"
 #include <string.h>
 
 static pbs_code open_scene(pbs_show *s, const char *path, pbs_err *err) {
@@ -17,17 +15,12 @@ static pbs_code open_scene(pbs_show *s, const char *path, pbs_err *err) {
 }
 
 static pbs_code open_archive(pbs_show *s, const char *path, pbs_err *err) {
-    pbs_archive *a = &s->archive;
-    pbs_code rc = pbs_archive_open(s->run, path, a, err);
+    const pbs_show_options *o = s->options;
+    pbs_player_desc d = {o->gpu_memory, o->upload, o->per_point};
+    pbs_code rc = pbs_archive_open(s->run, path, &s->archive, err);
     if (rc) return rc;
-    s->box = a->nodes[a->node_count - 1].box;
-    rc = pbs_alloc(s->run, &s->data, a->node_count, sizeof *s->data, "the nodes", err);
-    if (!rc) memset(s->data, 0, a->node_count * sizeof *s->data);
-    for (size_t i = 0; i < a->node_count && !rc; i++) {
-        rc = pbs_run_check(s->run, err);
-        if (!rc) rc = pbs_archive_load_node(a, (uint32_t)i, &s->data[i], err);
-    }
-    return rc;
+    s->box = s->archive.nodes[s->archive.node_count - 1].box;
+    return pbs_player_new(s->run, &s->archive, &d, &s->player, err);
 }
 
 pbs_code pbs_show_open(pbs_run *run, const pbs_show_options *o, const char *path, pbs_show *s,
@@ -46,175 +39,49 @@ pbs_code pbs_show_open(pbs_run *run, const pbs_show_options *o, const char *path
     return rc;
 }
 
-/* ---- which surfels and voxels ---- */
-
-/* A placed node whose subtree is still to be looked at. */
-typedef struct task {
-    uint32_t node;
-    bool drawn; /* its surfels are: only what moves below it is left */
-    double m[12];
-} task;
-
-typedef struct cut {
-    pbs_show *show;
-    const pbs_show_view *view;
-    double aspect;
-    size_t count, cubes;
-    task *tasks, now;
-    size_t task_count, task_cap;
-} cut;
-
-static pbs_code add_task(cut *c, uint32_t node, bool drawn, const double m[12], pbs_err *err) {
-    pbs_code rc = pbs_grow(c->show->run, &c->tasks, &c->task_cap, c->task_count + 1,
-                           sizeof *c->tasks, "the list of what is drawn", err);
-    if (rc) return rc;
-    task *t = &c->tasks[c->task_count++];
-    *t = (task){.node = node, .drawn = drawn};
-    memcpy(t->m, m, sizeof t->m);
-    return PBS_OK;
-}
-
-static pbs_spacings spacings_of(const pbs_show *s, const pbs_node *n) {
-    const pbs_archive *a = &s->archive;
-    return (pbs_spacings){s->data[n->id].records + pbs_record_at(&a->record, PBS_SPACING),
-                          a->record.stride,
-                          (uint32_t)n->records,
-                          65535 * n->lattice,
-                          n->covering,
-                          0.7 * n->pixel};
-}
-
-/* With --prefix the discs close the surface whatever it costs in shape; without, they are as
- * large as the camera allows and the prefix is what closes the surface then (paper 1, 4.1). */
-static void choose(const cut *c, const pbs_node *n, const double m[12], pbs_surfels *out) {
-    const pbs_show_options *o = c->show->options;
-    pbs_spacings s = spacings_of(c->show, n);
-    if (o->prefix) {
-        out->prefix = o->prefix < s.count ? (uint32_t)o->prefix : s.count;
-    } else {
-        const pbs_show_view *v = c->view;
-        double depth = pbs_cut_depth(&v->camera, c->aspect, &n->box, m);
-        double wanted = pbs_cut_wanted(&v->camera, v->height, depth, v->surfel_size, m);
-        out->prefix = pbs_cut_prefix(&s, wanted);
-    }
-    out->radius = pbs_cut_radius(&s, out->prefix);
-}
-
-/* A node whose points stay when its children are drawn (cloudpack.h). All of them together close
- * the surface: discs are as large as the camera allows, of points half as far apart, but not
- * smaller than points of the cloud usually are apart. *finer: the children have points that are
- * wanted, too. */
-static void choose_adding(const cut *c, const pbs_node *n, const double m[12], pbs_surfels *out,
-                          bool *finer) {
-    const pbs_show_options *o = c->show->options;
-    const pbs_show_view *v = c->view;
-    pbs_spacings s = spacings_of(c->show, n);
-    double depth = pbs_cut_depth(&v->camera, c->aspect, &n->box, m);
-    double wanted = pbs_cut_wanted(&v->camera, v->height, depth, v->surfel_size, m);
-    out->prefix = o->prefix ? (o->prefix < s.count ? (uint32_t)o->prefix : s.count)
-                            : pbs_cut_adding(&s, wanted / 2);
-    out->radius = fmax(o->prefix ? 0 : wanted, n->covering);
-    *finer = !o->prefix ? out->prefix == s.count : o->prefix > s.count;
-}
-
-static pbs_code add_surfels(cut *c, uint32_t id, const double m[12], bool *finer, pbs_err *err) {
-    pbs_show *s = c->show;
-    const pbs_archive *a = &s->archive;
-    const pbs_node *n = &a->nodes[id];
-    if (!pbs_cut_visible(&c->view->camera, c->aspect, &n->box, n->covering, m)) return PBS_OK;
-    pbs_code rc = pbs_grow(s->run, &s->list, &s->list_cap, c->count + 1, sizeof *s->list,
-                           "the list of what is drawn", err);
-    if (rc) return rc;
-    pbs_surfels *d = &s->list[c->count++];
-    *d = (pbs_surfels){.records = s->data[id].records,
-                       .stride = a->record.stride,
-                       .channels = a->record.channels,
-                       .whole = (uint32_t)n->records,
-                       .octaves = s->data[id].octaves,
-                       .step = n->lattice};
-    for (int k = 0; k < 3; k++) d->corner[k] = n->origin[k] + n->lattice_min[k];
-    memcpy(d->m, m, sizeof d->m);
-    if (n->flags & PBS_NODE_ADDS)
-        choose_adding(c, n, m, d, finer);
-    else
-        choose(c, n, m, d);
-    s->drawn_nodes++;
-    s->drawn_surfels += d->prefix;
-    return PBS_OK;
-}
-
-/* Children in the place of their parent: all of them or none, so that nothing is missing. */
-static bool has_finer(const pbs_archive *a, const pbs_node *n) {
-    for (uint32_t i = 0; i < n->child_count; i++)
-        if (!pbs_archive_has(a, n->children[i].node, PBS_SORT_VOXELS)) return false;
-    return n->child_count != 0;
-}
-
-/* A chunk of voxels: drawn if its cells are small enough in the picture, or there are no finer. */
-static pbs_code visit_voxels(cut *c, const pbs_node *n, const double m[12], bool *descend,
-                             pbs_err *err) {
-    pbs_show *s = c->show;
-    const pbs_show_view *v = c->view;
-    *descend = false;
-    if (!pbs_cut_visible(&v->camera, c->aspect, &n->box, 0, m)) return PBS_OK;
-    double depth = pbs_cut_depth(&v->camera, c->aspect, &n->box, m);
-    *descend = !pbs_cut_fine(&v->camera, v->height, depth, v->surfel_size, n->lattice, m) &&
-               has_finer(&s->archive, n);
-    if (*descend) return PBS_OK;
-    pbs_code rc = pbs_grow(s->run, &s->cubes, &s->cubes_cap, c->cubes + 1, sizeof *s->cubes,
-                           "the list of what is drawn", err);
-    if (rc) return rc;
-    pbs_cubes *d = &s->cubes[c->cubes++];
-    d->chunks = &s->data[n->id].voxels;
-    d->chunk_count = 1;
-    memcpy(d->corner, n->origin, sizeof d->corner);
-    d->side = n->lattice;
-    memcpy(d->m, m, sizeof d->m);
-    s->drawn_nodes++;
-    s->drawn_voxels += n->records;
-    return PBS_OK;
-}
-
-/* A node with surfels stands for everything below it but what moves. */
-static pbs_code visit(void *ctx, uint32_t id, const double m[12], uint32_t flags, bool *descend,
-                      pbs_err *err) {
-    cut *c = ctx;
-    const pbs_archive *a = &c->show->archive;
-    double placed[12];
-    pbs_xform_mul(placed, c->now.m, m);
-    if (c->now.drawn) {
-        bool moves = flags & PBS_CHILD_MOVES;
-        *descend = !moves && a->moving[id];
-        return moves ? add_task(c, id, false, placed, err) : PBS_OK;
-    }
-    bool points = pbs_archive_has(a, id, PBS_SORT_POINTS);
-    if (pbs_archive_has(a, id, PBS_SORT_VOXELS))
-        return visit_voxels(c, &a->nodes[id], placed, descend, err);
-    *descend = !points && a->placings[id];
-    if (!points) return PBS_OK;
-    bool finer = false;
-    pbs_code rc = add_surfels(c, id, placed, &finer, err);
-    if (finer) *descend = true;
-    return rc || !a->moving[id] ? rc : add_task(c, id, true, placed, err);
-}
-
-static pbs_code list_all(cut *c, pbs_err *err) {
-    const pbs_archive *a = &c->show->archive;
-    pbs_code rc = add_task(c, (uint32_t)a->node_count - 1, false, PBS_IDENTITY, err);
-    while (!rc && c->task_count) {
-        c->now = c->tasks[--c->task_count];
-        rc = pbs_dag_walk(c->show->run, a->nodes, c->now.node + 1, visit, c, err);
-    }
-    pbs_free(c->show->run, c->tasks);
-    return rc;
+/* A picture that is taken once must not depend on what was hidden before. */
+static pbs_cut_view cut_view(const pbs_show *s, const pbs_show_view *v) {
+    const pbs_show_options *o = s->options;
+    return (pbs_cut_view){.camera = v->camera,
+                          .width = v->width,
+                          .height = v->height,
+                          .size = v->surfel_size,
+                          .prefix = o->prefix,
+                          .formula = o->formula,
+                          .partial = o->partial,
+                          .occlusion = !o->no_occlusion && !o->shot};
 }
 
 static pbs_code draw_archive(pbs_show *s, pbs_canvas *canvas, const pbs_show_view *view,
                              pbs_err *err) {
-    cut c = {.show = s, .view = view, .aspect = (double)view->width / (double)view->height};
-    pbs_code rc = list_all(&c, err);
-    if (!rc) rc = pbs_canvas_surfels(canvas, s->list, c.count, err);
-    return rc ? rc : pbs_canvas_voxels(canvas, s->cubes, c.cubes, err);
+    pbs_player *p = &s->player;
+    pbs_cut_view v = cut_view(s, view);
+    pbs_code rc = pbs_player_look(p, canvas, &v, err);
+    if (!rc) rc = pbs_player_draw(p, canvas, &v, err);
+    if (rc) return rc;
+    pbs_store_stats stats = pbs_player_measure(p);
+    s->drawn_nodes = p->frame.draw_count - p->frame.hidden;
+    s->drawn_surfels = p->frame.surfels;
+    s->drawn_voxels = p->voxels;
+    s->drawn_triangles = p->triangles;
+    s->draw_calls = p->calls;
+    s->culled = p->frame.culled;
+    s->hidden = p->frame.hidden;
+    s->missing = p->frame.missing;
+    s->uploaded_bytes = stats.uploaded_last;
+    s->resident_bytes = stats.resident;
+    s->loading = p->busy;
+    return PBS_OK;
+}
+
+pbs_code pbs_show_settle(pbs_show *s, pbs_canvas *canvas, const pbs_show_view *view, pbs_err *err) {
+    if (s->options->geometry) return PBS_OK;
+    pbs_cut_view v = cut_view(s, view);
+    return pbs_player_settle(&s->player, canvas, &v, err);
+}
+
+const char *pbs_show_trouble(const pbs_show *s) {
+    return s->player.store ? pbs_store_trouble(s->player.store) : NULL;
 }
 
 static pbs_code draw_scene(pbs_show *s, pbs_canvas *canvas, pbs_err *err) {
@@ -242,11 +109,7 @@ void pbs_show_close(pbs_show *s) {
     pbs_run *run = s->run;
     pbs_images_free(run, s->images, s->scene.texture_count);
     pbs_free(run, s->flat.draws);
-    pbs_free(run, s->list);
-    pbs_free(run, s->cubes);
-    for (size_t i = 0; s->data && i < s->archive.node_count; i++)
-        pbs_node_data_free(&s->archive, &s->data[i]);
-    pbs_free(run, s->data);
+    pbs_player_free(&s->player);
     if (s->scene.run) pbs_scene_close(&s->scene);
     if (s->archive.run) pbs_archive_close(&s->archive);
     memset(s, 0, sizeof *s);

@@ -4,13 +4,15 @@
 #define PBS_SHOW_H
 
 #include "cmd/pbs-view/draw.h"
-#include "formats/archive.h"
+#include "cmd/pbs-view/player.h"
 #include "formats/scene.h"
 
 typedef struct pbs_show_options {
     const char *shot, *camera, *device;
     uint64_t prefix, width, height, samples;
     double surfel_size;
+    uint64_t gpu_memory, upload;
+    bool formula, per_point, partial, no_occlusion;
     int up; /* 0, 1, 2: x, y, z */
     bool geometry, ignore_missing;
 } pbs_show_options;
@@ -21,15 +23,19 @@ typedef struct pbs_show {
     pbs_camera camera; /* the one asked for, or all in view */
     pbs_box box;       /* of everything, world coordinates */
     pbs_archive archive;
-    pbs_node_data *data; /* of all its nodes */
-    pbs_scene scene;     /* with --geometry */
+    pbs_player player; /* of the archive */
+    pbs_scene scene;   /* with --geometry */
     pbs_flat flat;
     pbs_image *images;
     /* of the last draw */
     uint64_t drawn_nodes, drawn_surfels, drawn_voxels, drawn_triangles;
-    pbs_surfels *list;
-    pbs_cubes *cubes;
-    size_t list_cap, cubes_cap;
+    uint64_t draw_calls;     /* of what lies in the GPU's memory */
+    uint64_t uploaded_bytes; /* to the GPU, for this draw */
+    uint64_t resident_bytes; /* there */
+    uint64_t culled,
+        hidden;       /* nodes outside of the picture, and drawn to see whether they are seen */
+    uint64_t missing; /* nodes and meshes that are wanted and not there yet */
+    bool loading;     /* another draw of the same view would show more */
 } pbs_show;
 
 /* options are borrowed until close. */
@@ -44,7 +50,14 @@ typedef struct pbs_show_view {
 /* As the options have it. */
 pbs_show_view pbs_show_first_view(const pbs_show *show);
 
-/* Clears the canvas and draws; the caller ends or presents it. */
+/* Loads all that the view needs, as far as the limits allow: what is drawn then does not depend on
+ * how fast the disk is. */
+pbs_code pbs_show_settle(pbs_show *show, pbs_canvas *canvas, const pbs_show_view *view,
+                         pbs_err *err);
+/* Why something of the archive cannot be shown; NULL: all of it can, as far as it was asked for. */
+const char *pbs_show_trouble(const pbs_show *show);
+
+/* Clears the canvas and draws what is there; the caller ends or presents it. */
 pbs_code pbs_show_draw(pbs_show *show, pbs_canvas *canvas, const pbs_show_view *view, pbs_err *err);
 void pbs_show_close(pbs_show *show);
 #endif

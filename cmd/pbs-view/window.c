@@ -202,8 +202,8 @@ pbs_code pbs_window_run(pbs_show *show, const char *title, pbs_err *err) {
     if (rc) return rc;
     rc = open_window(&s, err);
     while (!rc && !s.f.WindowShouldClose(s.w)) {
-        if (s.stale) rc = draw(&s, err);
-        if (!rc) s.f.WaitEventsTimeout(0.2); /* SIGTERM wakes nobody */
+        if (s.stale || show->loading) rc = draw(&s, err);
+        if (!rc) s.f.WaitEventsTimeout(show->loading ? 0.01 : 0.2); /* SIGTERM wakes nobody */
         if (!rc) rc = pbs_run_check(show->run, err);
     }
     pbs_canvas_free(s.canvas);

@@ -443,7 +443,7 @@ TEST(refusals) {
     pbs_canvas *c;
     pbs_canvas_desc huge = {1u << 20, 8, 0}, fine = {SIDE, SIDE, 0};
     CHECK(pbs_canvas_new(&run, &gl, &huge, &c, &err) == PBS_LIMIT && !c);
-    pbs_run small = {.threads = 1, .mem_limit = 1 << 20};
+    pbs_run small = {.threads = 1, .mem_limit = 1 << 18};
     CHECK(pbs_canvas_new(&small, &gl, &fine, &c, &err) == PBS_LIMIT && !c);
     CHECK(pbs_mem_used(&small) == 0 && pbs_mem_used(&run) == 0);
     pbs_gl_context *other;

@@ -1,4 +1,4 @@
-/* The player's arithmetic: cameras and cuts. */
+/* The player's arithmetic: cameras, and what they see of a node. */
 #include "cmd/pbs-view/cut.h"
 #include "libcore/lod.h"
 #include "tests/check.h"
@@ -137,46 +137,6 @@ TEST(parse_forms) {
                          "1;2;3;4;5;6"};
     for (size_t i = 0; i < sizeof bad / sizeof *bad; i++)
         CHECK_NUM(pbs_camera_parse(&c, bad[i], &err) == PBS_USAGE, i);
-}
-
-/* Records of 12 bytes whose spacings fall from half to half. */
-static uint8_t records[500][12];
-static pbs_spacings random_spacings(uint32_t count) {
-    uint16_t h = 0x7000;
-    for (uint32_t i = 0; i < count; i++) {
-        h = (uint16_t)(h - (uint16_t)uniform(0, 40));
-        records[i][6] = (uint8_t)h, records[i][7] = (uint8_t)(h >> 8);
-    }
-    return (pbs_spacings){records[0] + 6, 12, count, 0.25, 0, 0};
-}
-
-TEST(prefix_is_the_shortest_that_covers) {
-    for (int i = 0; i < 400; i++) {
-        pbs_spacings s = random_spacings(1 + (uint32_t)uniform(0, 499));
-        s.slack = i % 2 ? 0.7 : 0;
-        s.covering = i % 3 ? 0 : 1e-3;
-        double wanted = pow(10, uniform(-4, 4));
-        uint32_t p = pbs_cut_prefix(&s, wanted), want = 1;
-        while (want < s.count && !(pbs_cut_radius(&s, want) <= wanted)) want++;
-        CHECK_NUM(p == want, p);
-        for (uint32_t q = 1; q < s.count; q++)
-            CHECK(pbs_cut_radius(&s, q) >= pbs_cut_radius(&s, q + 1));
-        CHECK(pbs_cut_radius(&s, 0) == pbs_cut_radius(&s, 1));
-        CHECK(pbs_cut_radius(&s, s.count) == pbs_cut_radius(&s, s.count + 5));
-    }
-    pbs_spacings none = {0};
-    CHECK(pbs_cut_prefix(&none, 1) == 0 && pbs_cut_radius(&none, 3) == 0);
-}
-
-/* Equal spacings are one level: all of it or none. */
-TEST(levels_that_add_are_whole) {
-    const uint16_t half[] = {0x4000, 0x4000, 0x3c00, 0x3c00, 0x3c00, 0x3800, 0, 0}; /* 2 1 1/2 0 */
-    const double radius[] = {5, 4, 3, 2, 1.5, 1, 1e-9, 0};
-    const uint32_t prefix[] = {0, 2, 2, 5, 5, 6, 6, 8};
-    pbs_spacings s = {(const uint8_t *)half, 2, 8, 2, 0, 0}, none = {NULL, 2, 0, 1, 0, 0};
-    for (size_t i = 0; i < sizeof radius / sizeof *radius; i++)
-        CHECK_NUM(pbs_cut_adding(&s, radius[i]) == prefix[i], radius[i]);
-    CHECK(pbs_cut_adding(&none, 1) == 0);
 }
 
 /* Points of a placed box: those in the picture are at least that deep, and the box is visible. */

@@ -1,0 +1,269 @@
+/* player.c: from the archive to the picture, a frame at a time. */
+#include "cmd/pbs-view/player.h"
+#include <string.h>
+
+#define GPU_DEFAULT    ((uint64_t)1 << 30)
+#define LARGEST        ((uint64_t)128 << 20) /* of a storage buffer that every driver allows */
+#define UPLOAD_DEFAULT ((uint64_t)16 << 20)
+#define HOST_MOST      ((uint64_t)256 << 20)
+#define FIRST_FRAME    ((uint64_t)64 << 20)
+
+/* ---- the store's GPU ---- */
+
+/* Of a software renderer the GPU's memory is the process's own. */
+static bool make_buffer(void *ctx, uint64_t bytes, uint32_t *buffer) {
+    pbs_player *p = ctx;
+    const pbs_gl *gl = p->gl;
+    pbs_err err;
+    if (gl->software && pbs_mem_take(p->run, (size_t)bytes, "the GPU's memory", &err)) return false;
+    gl->CreateBuffers(1, buffer);
+    gl->NamedBufferStorage(*buffer, (GLsizeiptr)bytes, NULL, GL_DYNAMIC_STORAGE_BIT);
+    if (pbs_gl_check(gl, "buffer", &err) == PBS_OK) {
+        p->counted += gl->software ? bytes : 0;
+        return true;
+    }
+    gl->DeleteBuffers(1, buffer);
+    if (gl->software) pbs_mem_give(p->run, (size_t)bytes);
+    return false;
+}
+
+static void fill_buffer(void *ctx, uint32_t buffer, uint64_t at, const void *bytes, uint64_t size) {
+    const pbs_player *p = ctx;
+    p->gl->NamedBufferSubData(buffer, (GLintptr)at, (GLsizeiptr)size, bytes);
+}
+
+static void drop_buffer(void *ctx, uint32_t buffer) {
+    pbs_player *p = ctx;
+    GLint64 bytes = 0;
+    p->gl->GetNamedBufferParameteri64v(buffer, GL_BUFFER_SIZE, &bytes);
+    p->gl->DeleteBuffers(1, &buffer);
+    if (!p->gl->software) return;
+    pbs_mem_give(p->run, (size_t)bytes);
+    p->counted -= (uint64_t)bytes;
+}
+
+/* ---- from beginning to end ---- */
+
+pbs_code pbs_player_new(pbs_run *run, const pbs_archive *a, const pbs_player_desc *desc,
+                        pbs_player *p, pbs_err *err) {
+    *p = (pbs_player){.run = run, .archive = a, .desc = *desc};
+    return pbs_source_new(run, a, &p->source, err);
+}
+
+void pbs_player_free(pbs_player *p) {
+    pbs_run *run = p->run;
+    if (!run) return;
+    pbs_cut_free(p->cut);
+    pbs_store_free(p->store, false);
+    pbs_source_free(&p->source);
+    pbs_mem_give(run, (size_t)p->counted);
+    pbs_free(run, p->surfels);
+    pbs_free(run, p->cubes);
+    pbs_free(run, p->near);
+    *p = (pbs_player){0};
+}
+
+static uint64_t least(uint64_t a, uint64_t b) {
+    return a < b ? a : b;
+}
+
+/* When the first canvas is there, whose device decides how much there is. */
+static pbs_code start(pbs_player *p, const pbs_canvas *canvas, pbs_err *err) {
+    const pbs_archive *a = p->archive;
+    uint64_t left = pbs_mem_left(p->run);
+    p->gl = pbs_canvas_gl(canvas);
+    pbs_store_desc d = {.items = 2 * a->node_count,
+                        .bytes = p->source.bytes,
+                        .gpu = p->desc.gpu ? p->desc.gpu : GPU_DEFAULT,
+                        .largest = least(LARGEST, (uint64_t)p->gl->max_storage),
+                        .upload = p->desc.upload ? p->desc.upload : UPLOAD_DEFAULT,
+                        .host = least(left / 4, HOST_MOST),
+                        .threaded = true};
+    if (p->gl->software) d.gpu = least(d.gpu, left / 2);
+    pbs_store_source source = {&p->source, pbs_source_load};
+    pbs_store_gpu gpu = {p, make_buffer, fill_buffer, drop_buffer};
+    pbs_code rc = pbs_store_new(p->run, &d, &source, &gpu, &p->store, err);
+    if (rc) return rc;
+    pbs_cut_scene scene = {a->nodes,         a->node_count, p->source.has,
+                           a->placings,      a->moving,     pbs_store_resident(p->store),
+                           p->source.profile};
+    return pbs_cut_new(p->run, &scene, &p->cut, err);
+}
+
+/* ---- a frame ---- */
+
+/* What was seen two frames ago. */
+static pbs_code listen(pbs_player *p, pbs_canvas *canvas, pbs_err *err) {
+    uint64_t frame;
+    const uint32_t *seen;
+    size_t n;
+    pbs_code rc = pbs_canvas_seen(canvas, false, &frame, &seen, &n, err);
+    return rc || !frame ? rc : pbs_cut_feedback(p->cut, frame, seen, n, err);
+}
+
+static pbs_code step(pbs_player *p, const pbs_cut_view *view, pbs_err *err) {
+    pbs_code rc = pbs_store_frame(p->store, p->frame.needs, p->frame.need_count, &p->busy, err);
+    if (!rc) rc = pbs_cut_next(p->cut, view, &p->frame, err);
+    if (!rc) p->busy = p->busy || p->frame.missing;
+    return rc;
+}
+
+/* Whether something of the coarsest level is missing. */
+static bool unseen(const pbs_player *p) {
+    for (size_t i = 0; i < p->frame.need_count && p->frame.needs[i].level == 0; i++)
+        if (!pbs_store_resident(p->store)[p->frame.needs[i].item]) return true;
+    return false;
+}
+
+pbs_code pbs_player_look(pbs_player *p, pbs_canvas *canvas, const pbs_cut_view *view,
+                         pbs_err *err) {
+    bool first = !p->store;
+    pbs_code rc = first ? start(p, canvas, err) : PBS_OK;
+    if (!rc && view->occlusion) rc = listen(p, canvas, err);
+    if (!rc) rc = step(p, view, err);
+    while (!rc && first && unseen(p) && pbs_player_measure(p).uploaded < FIRST_FRAME) {
+        bool more;
+        rc = pbs_store_frame(p->store, p->frame.needs, p->frame.need_count, &more, err);
+        if (rc || !more) break;
+        pbs_store_wait(p->store, 0.1);
+        if (!(rc = pbs_run_check(p->run, err))) rc = step(p, view, err);
+    }
+    return rc;
+}
+
+pbs_code pbs_player_settle(pbs_player *p, pbs_canvas *canvas, const pbs_cut_view *view,
+                           pbs_err *err) {
+    pbs_code rc = pbs_player_look(p, canvas, view, err);
+    for (bool more = true; !rc && more;) {
+        rc = pbs_store_frame(p->store, p->frame.needs, p->frame.need_count, &more, err);
+        if (!rc && more) pbs_store_wait(p->store, 0.1);
+        if (!rc) rc = pbs_run_check(p->run, err);
+        if (!rc) rc = pbs_cut_next(p->cut, view, &p->frame, err);
+        /* What has just come may need more below it. */
+        bool again = false;
+        if (!rc && !more)
+            rc = pbs_store_frame(p->store, p->frame.needs, p->frame.need_count, &again, err);
+        more = more || again;
+    }
+    return rc;
+}
+
+static pbs_code draw_near(pbs_player *p, pbs_canvas *canvas, pbs_err *err) {
+    const pbs_cut_frame *f = &p->frame;
+    pbs_palette palette = {p->archive->materials, p->archive->material_count};
+    size_t n = 0;
+    for (size_t i = f->first[PBS_CUT_MESH]; i < f->first[PBS_CUT_MESH + 1]; i++) {
+        const pbs_cut_draw *d = &f->draws[i];
+        pbs_region r = pbs_store_where(p->store, PBS_ITEM_MESH(d->node));
+        size_t parts;
+        pbs_archive_list(p->archive, d->node, PBS_SORT_MESHES, &parts);
+        pbs_code rc = pbs_grow(p->run, &p->near, &p->near_cap, n + parts, sizeof *p->near,
+                               "the list of what is drawn", err);
+        if (rc) return rc;
+        for (size_t k = 0; k < parts; k++) {
+            const pbs_mesh_part *m = &p->source.parts[d->node][k];
+            int64_t at = (int64_t)r.at;
+            pbs_placed_mesh *t = &p->near[n++];
+            *t = (pbs_placed_mesh){r.buffer,
+                                   m->triangles,
+                                   m->material,
+                                   at + m->position,
+                                   m->normal < 0 ? -1 : at + m->normal,
+                                   m->colour < 0 ? -1 : at + m->colour,
+                                   at + m->index,
+                                   m->triangle_material < 0 ? -1 : at + m->triangle_material,
+                                   {0},
+                                   {0}};
+            memcpy(t->origin, p->archive->nodes[d->node].origin, sizeof t->origin);
+            memcpy(t->m, d->m, sizeof t->m);
+            p->triangles += m->triangles;
+        }
+    }
+    return pbs_canvas_triangles(canvas, p->near, n, &palette, err);
+}
+
+static pbs_code draw_surfels(pbs_player *p, pbs_canvas *canvas, const pbs_cut_view *view,
+                             pbs_err *err) {
+    const pbs_archive *a = p->archive;
+    const pbs_cut_frame *f = &p->frame;
+    size_t first = f->first[PBS_CUT_SURFELS], n = f->first[PBS_CUT_SURFELS + 1] - first;
+    pbs_code rc = pbs_grow(p->run, &p->surfels, &p->surfel_cap, n, sizeof *p->surfels,
+                           "the list of what is drawn", err);
+    for (size_t i = 0; i < n && !rc; i++) {
+        const pbs_cut_draw *d = &f->draws[first + i];
+        const pbs_node *node = &a->nodes[d->node];
+        pbs_region r = pbs_store_where(p->store, PBS_ITEM_OWN(d->node));
+        uint64_t octaves = pbs_source_octaves(&p->source, d->node);
+        bool per_point = p->desc.per_point && !view->prefix && !(node->flags & PBS_NODE_ADDS);
+        pbs_surfels *out = &p->surfels[i];
+        *out = (pbs_surfels){.buffer = r.buffer,
+                             .at = r.at,
+                             .octave = octaves ? r.at + octaves : 0,
+                             .stride = a->record.stride,
+                             .channels = a->record.channels,
+                             .prefix = d->prefix,
+                             .whole = (uint32_t)node->records,
+                             .radius = d->radius,
+                             .step = node->lattice,
+                             .size = per_point ? view->size : 0,
+                             .slack = p->source.profile[d->node]->slack};
+        for (int k = 0; k < 3; k++) out->corner[k] = node->origin[k] + node->lattice_min[k];
+        memcpy(out->m, d->m, sizeof out->m);
+    }
+    return rc ? rc : pbs_canvas_surfels(canvas, p->surfels, n, err);
+}
+
+static void describe_voxels(const pbs_player *p, const pbs_cut_draw *d, pbs_cubes *out) {
+    const pbs_source *s = &p->source;
+    const pbs_node *node = &p->archive->nodes[d->node];
+    pbs_region r = pbs_store_where(p->store, PBS_ITEM_OWN(d->node));
+    *out = (pbs_cubes){.buffer = r.buffer,
+                       .at = r.at,
+                       .count = (uint32_t)node->records,
+                       .place = pbs_source_voxels(s, d->node, PBS_POSITION),
+                       .normal = pbs_source_voxels(s, d->node, PBS_NORMAL),
+                       .colour = pbs_source_voxels(s, d->node, PBS_COLOUR),
+                       .material = pbs_source_voxels(s, d->node, PBS_MATERIAL),
+                       .emissive = pbs_source_voxels(s, d->node, PBS_EMISSIVE),
+                       .face = pbs_source_voxels(s, d->node, PBS_FACE),
+                       .faces = pbs_source_voxels(s, d->node, 0),
+                       .face_colours = s->face_colours[d->node],
+                       .side = node->lattice};
+    if (out->faces >= 0) out->face_count = (uint32_t)(r.size / 4) - (uint32_t)out->faces;
+    memcpy(out->corner, node->origin, sizeof out->corner);
+    memcpy(out->m, d->m, sizeof out->m);
+}
+
+static pbs_code draw_voxels(pbs_player *p, pbs_canvas *canvas, pbs_cut_kind kind, bool noted,
+                            pbs_err *err) {
+    const pbs_cut_frame *f = &p->frame;
+    size_t first = f->first[kind], n = f->first[kind + 1] - first;
+    pbs_code rc = pbs_grow(p->run, &p->cubes, &p->cube_cap, n, sizeof *p->cubes,
+                           "the list of what is drawn", err);
+    if (rc) return rc;
+    for (size_t i = 0; i < n; i++) {
+        describe_voxels(p, &f->draws[first + i], &p->cubes[i]);
+        if (kind == PBS_CUT_VOXELS) p->voxels += p->cubes[i].count;
+    }
+    pbs_voxel_mode mode = {.frame = noted ? f->number : 0,
+                           .first = (uint32_t)first,
+                           .all = (uint32_t)f->draw_count,
+                           .probes = kind == PBS_CUT_PROBE,
+                           .palette = {p->archive->materials, p->archive->material_count}};
+    return pbs_canvas_voxels(canvas, p->cubes, n, &mode, err);
+}
+
+pbs_code pbs_player_draw(pbs_player *p, pbs_canvas *canvas, const pbs_cut_view *view,
+                         pbs_err *err) {
+    p->voxels = p->triangles = 0;
+    pbs_code rc = draw_near(p, canvas, err);
+    if (!rc) rc = draw_voxels(p, canvas, PBS_CUT_VOXELS, view->occlusion, err);
+    if (!rc) rc = draw_surfels(p, canvas, view, err);
+    if (!rc && view->occlusion) rc = draw_voxels(p, canvas, PBS_CUT_PROBE, true, err);
+    p->calls = pbs_canvas_calls(canvas);
+    return rc;
+}
+
+pbs_store_stats pbs_player_measure(const pbs_player *p) {
+    return p->store ? pbs_store_measure(p->store) : (pbs_store_stats){0};
+}

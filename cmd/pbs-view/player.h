@@ -1,0 +1,54 @@
+/* player.h: an archive that is drawn while it is loaded: the cut says what is wanted, the store
+ * what is there, the canvas draws it. */
+#ifndef PBS_PLAYER_H
+#define PBS_PLAYER_H
+
+#include "cmd/pbs-view/draw.h"
+#include "cmd/pbs-view/source.h"
+
+typedef struct pbs_player_desc {
+    uint64_t gpu;    /* bytes of the GPU's memory; 0: 1 GiB. Of a software renderer, whose memory is
+                        the host's, at most half of what -m leaves */
+    uint64_t upload; /* bytes a frame; 0: 16 MiB */
+    bool per_point;  /* every surfel decides with its own distance whether it is wanted */
+} pbs_player_desc;
+
+typedef struct pbs_player {
+    pbs_run *run;
+    const pbs_archive *archive;
+    pbs_player_desc desc;
+    pbs_source source;
+    pbs_store *store;
+    pbs_cut *cut;
+    const pbs_gl *gl; /* of the canvas of the first frame */
+    uint64_t counted; /* bytes taken with pbs_mem_take */
+    pbs_surfels *surfels;
+    pbs_cubes *cubes;
+    pbs_placed_mesh *near;
+    size_t surfel_cap, cube_cap, near_cap;
+    pbs_cut_frame frame; /* the last one */
+    /* of the last frame */
+    bool busy; /* another frame would show more: something is still to be loaded or uploaded */
+    uint64_t voxels, triangles, calls;
+} pbs_player;
+
+/* archive is borrowed until the free. */
+pbs_code pbs_player_new(pbs_run *run, const pbs_archive *archive, const pbs_player_desc *desc,
+                        pbs_player *out, pbs_err *err);
+/* The GL's buffers go with its context, which may be gone already. */
+void pbs_player_free(pbs_player *p);
+
+/* Which items a frame needs, and a step of the store towards them; nothing is drawn. The first call
+ * waits for what is coarsest, at most 64 MiB of it, so that the first frame shows the whole; the
+ * others never wait. */
+pbs_code pbs_player_look(pbs_player *p, pbs_canvas *canvas, const pbs_cut_view *view, pbs_err *err);
+/* The same until everything is there that the view needs and the limits allow. */
+pbs_code pbs_player_settle(pbs_player *p, pbs_canvas *canvas, const pbs_cut_view *view,
+                           pbs_err *err);
+/* Draws what the last look found, onto a canvas that has begun; any number of times, for instance
+ * for two eyes. */
+pbs_code pbs_player_draw(pbs_player *p, pbs_canvas *canvas, const pbs_cut_view *view, pbs_err *err);
+
+/* Of the GPU's memory and the loader; zeros before the first frame. */
+pbs_store_stats pbs_player_measure(const pbs_player *p);
+#endif

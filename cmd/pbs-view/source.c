@@ -1,0 +1,243 @@
+/* source.c: chunks of an archive, put together as source.h says. */
+#include "cmd/pbs-view/source.h"
+#include <string.h>
+
+/* Those that are uploaded, in their order. */
+static const uint32_t channels[] = {PBS_POSITION, PBS_NORMAL,   PBS_COLOUR,
+                                    PBS_MATERIAL, PBS_EMISSIVE, PBS_FACE};
+enum { CHANNELS = sizeof channels / sizeof *channels };
+
+static uint64_t rounded(uint64_t n) {
+    return (n + 63) / 64 * 64;
+}
+
+static uint64_t count_of(const pbs_archive *a, uint32_t node, pbs_sort sort) {
+    size_t n;
+    uint64_t sum = 0;
+    const uint32_t *list = pbs_archive_list(a, node, sort, &n);
+    for (size_t i = 0; i < n; i++) sum += a->chunks[list[i]].count;
+    return sum;
+}
+
+static uint64_t octave_bytes(const pbs_archive *a, uint32_t node) {
+    return count_of(a, node, PBS_SORT_OCTAVES) * a->octave.stride;
+}
+
+uint64_t pbs_source_octaves(const pbs_source *s, uint32_t node) {
+    const pbs_archive *a = s->archive;
+    return octave_bytes(a, node) ? a->nodes[node].records * a->record.stride : 0;
+}
+
+/* Of a node without faces' attributes the channel that points to them says nothing. */
+static bool has_channel(const pbs_archive *a, uint32_t node, uint32_t channel) {
+    if (channel == PBS_FACE && !pbs_archive_has(a, node, PBS_SORT_FACES)) return false;
+    return a->voxel_channels & channel;
+}
+
+int32_t pbs_source_voxels(const pbs_source *s, uint32_t node, uint32_t channel) {
+    const pbs_archive *a = s->archive;
+    uint64_t at = 0;
+    if (channel ? !has_channel(a, node, channel) : !has_channel(a, node, PBS_FACE)) return -1;
+    for (int i = 0; i < CHANNELS && channels[i] != channel; i++)
+        if (has_channel(a, node, channels[i])) at += a->nodes[node].records;
+    return (int32_t)at;
+}
+
+static uint64_t own_bytes(const pbs_source *s, uint32_t node) {
+    const pbs_archive *a = s->archive;
+    uint64_t n = 0;
+    if (s->has[node] & PBS_HAS_SURFELS)
+        return a->nodes[node].records * a->record.stride + octave_bytes(a, node);
+    if (!(s->has[node] & PBS_HAS_VOXELS)) return 0;
+    for (int i = 0; i < CHANNELS; i++) n += has_channel(a, node, channels[i]);
+    return 4 * (n * a->nodes[node].records + count_of(a, node, PBS_SORT_FACES));
+}
+
+static uint64_t mesh_bytes(const pbs_archive *a, uint32_t node) {
+    size_t n;
+    uint64_t sum = 0;
+    const uint32_t *list = pbs_archive_list(a, node, PBS_SORT_MESHES, &n);
+    for (size_t i = 0; i < n; i++) sum += rounded(pbs_archive_bytes(a, list[i]));
+    return sum;
+}
+
+static void look(pbs_source *s) {
+    const pbs_archive *a = s->archive;
+    for (uint32_t i = 0; i < a->node_count; i++) {
+        s->has[i] = (pbs_archive_has(a, i, PBS_SORT_POINTS) ? PBS_HAS_SURFELS : 0) |
+                    (pbs_archive_has(a, i, PBS_SORT_VOXELS) ? PBS_HAS_VOXELS : 0) |
+                    (pbs_archive_has(a, i, PBS_SORT_MESHES) ? PBS_HAS_MESH : 0);
+        s->bytes[PBS_ITEM_OWN(i)] = own_bytes(s, i);
+        s->bytes[PBS_ITEM_MESH(i)] = mesh_bytes(a, i);
+    }
+}
+
+pbs_code pbs_source_new(pbs_run *run, const pbs_archive *a, pbs_source *s, pbs_err *err) {
+    const char *what = "the table of nodes";
+    size_t n = a->node_count;
+    *s = (pbs_source){.run = run, .archive = a};
+    pbs_code rc = pbs_alloc(run, &s->has, n, 1, what, err);
+    if (!rc) rc = pbs_alloc(run, &s->bytes, 2 * n, sizeof *s->bytes, what, err);
+    if (!rc) rc = pbs_alloc(run, &s->face_colours, n, sizeof *s->face_colours, what, err);
+    if (!rc) rc = pbs_alloc(run, &s->profile, n, sizeof *s->profile, what, err);
+    if (!rc) memset(s->profile, 0, n * sizeof *s->profile);
+    if (!rc) rc = pbs_alloc(run, &s->parts, n, sizeof *s->parts, what, err);
+    if (!rc) memset(s->parts, 0, n * sizeof *s->parts);
+    if (rc) {
+        pbs_source_free(s);
+        return rc;
+    }
+    memset(s->face_colours, 0, n * sizeof *s->face_colours);
+    look(s);
+    return PBS_OK;
+}
+
+void pbs_source_free(pbs_source *s) {
+    size_t n = s->archive ? s->archive->node_count : 0;
+    for (size_t i = 0; i < n && s->profile; i++) pbs_free(s->run, s->profile[i]);
+    for (size_t i = 0; i < n && s->parts; i++) pbs_free(s->run, s->parts[i]);
+    pbs_free(s->run, s->has);
+    pbs_free(s->run, s->bytes);
+    pbs_free(s->run, s->face_colours);
+    pbs_free(s->run, s->profile);
+    pbs_free(s->run, s->parts);
+    *s = (pbs_source){0};
+}
+
+/* Records of `stride` bytes of all chunks of a sort, to where they belong; flags: of the last one.
+ */
+static pbs_code copy_records(const pbs_source *s, uint32_t node, pbs_sort sort, uint32_t stride,
+                             uint8_t *to, uint32_t *flags, pbs_err *err) {
+    const pbs_archive *a = s->archive;
+    size_t n;
+    const uint32_t *list = pbs_archive_list(a, node, sort, &n);
+    for (size_t i = 0; i < n; i++) {
+        pbs_fetched f;
+        pbs_code rc = pbs_archive_fetch(a, list[i], &f, err);
+        if (rc) return rc;
+        memcpy(to + (size_t)f.chunk.first * stride, f.chunk.payload,
+               (size_t)f.chunk.count * stride);
+        if (flags) *flags = f.chunk.flags;
+        pbs_archive_release(a, &f);
+    }
+    return PBS_OK;
+}
+
+static pbs_code make_profile(pbs_source *s, uint32_t id, const uint8_t *records, pbs_err *err) {
+    const pbs_archive *a = s->archive;
+    const pbs_node *n = &a->nodes[id];
+    pbs_spacings spacings = {.first = records + pbs_record_at(&a->record, PBS_SPACING),
+                             .stride = a->record.stride,
+                             .count = (uint32_t)n->records,
+                             .unit = 65535 * n->lattice,
+                             .covering = n->covering,
+                             .slack = 0.7 * n->pixel};
+    if (s->profile[id]) return PBS_OK;
+    pbs_code rc = pbs_alloc(s->run, &s->profile[id], 1, sizeof **s->profile, "spacings", err);
+    if (!rc) pbs_profile_make(&spacings, s->profile[id]);
+    return rc;
+}
+
+static pbs_code load_surfels(pbs_source *s, uint32_t node, uint8_t *to, pbs_err *err) {
+    const pbs_archive *a = s->archive;
+    uint64_t records = a->nodes[node].records * a->record.stride;
+    pbs_code rc = copy_records(s, node, PBS_SORT_POINTS, a->record.stride, to, NULL, err);
+    if (!rc)
+        rc = copy_records(s, node, PBS_SORT_OCTAVES, a->octave.stride, to + records, NULL, err);
+    return rc ? rc : make_profile(s, node, to, err);
+}
+
+static const void *array_of(const pbs_voxels *v, uint32_t channel) {
+    switch (channel) {
+    case PBS_POSITION:
+        return v->place;
+    case PBS_NORMAL:
+        return v->normal;
+    case PBS_COLOUR:
+        return v->colour;
+    case PBS_MATERIAL:
+        return v->material;
+    case PBS_EMISSIVE:
+        return v->emissive;
+    default:
+        return v->face;
+    }
+}
+
+static pbs_code load_voxels(pbs_source *s, uint32_t node, uint8_t *to, pbs_err *err) {
+    const pbs_archive *a = s->archive;
+    size_t n, have = 0;
+    uint32_t flags = 0;
+    const uint32_t *list = pbs_archive_list(a, node, PBS_SORT_VOXELS, &n);
+    for (size_t i = 0; i < n; i++) {
+        pbs_fetched f;
+        pbs_code rc = pbs_archive_fetch(a, list[i], &f, err);
+        if (rc) return rc;
+        for (int k = 0; k < CHANNELS; k++) {
+            int32_t at =
+                has_channel(a, node, channels[k]) ? pbs_source_voxels(s, node, channels[k]) : -1;
+            if (at >= 0)
+                memcpy(to + 4 * ((size_t)at + have), array_of(&f.voxels, channels[k]),
+                       4 * f.voxels.count);
+        }
+        have += f.voxels.count;
+        pbs_archive_release(a, &f);
+    }
+    int32_t faces = pbs_source_voxels(s, node, 0);
+    if (faces < 0) return PBS_OK;
+    pbs_code rc = copy_records(s, node, PBS_SORT_FACES, 4, to + 4 * (size_t)faces, &flags, err);
+    s->face_colours[node] = flags & PBS_VFAC_COLOUR;
+    return rc;
+}
+
+static int64_t place_of(const pbs_fetched *f, const void *array, uint64_t at) {
+    return array ? (int64_t)at + ((const uint8_t *)array - (const uint8_t *)f->chunk.payload) : -1;
+}
+
+static pbs_mesh_part part_of(const pbs_fetched *f, uint64_t at) {
+    const pbs_mesh *m = &f->mesh;
+    return (pbs_mesh_part){.vertices = m->vertices,
+                           .triangles = m->triangles,
+                           .material = m->material,
+                           .position = place_of(f, m->position, at),
+                           .normal = place_of(f, m->normal, at),
+                           .uv = place_of(f, m->uv, at),
+                           .colour = place_of(f, m->colour, at),
+                           .index = place_of(f, m->index, at),
+                           .triangle_material = place_of(f, m->triangle_material, at)};
+}
+
+static pbs_code load_mesh(pbs_source *s, uint32_t node, uint8_t *to, pbs_err *err) {
+    const pbs_archive *a = s->archive;
+    size_t n;
+    uint64_t at = 0;
+    const uint32_t *list = pbs_archive_list(a, node, PBS_SORT_MESHES, &n);
+    pbs_mesh_part *parts = s->parts[node];
+    pbs_code rc = parts ? PBS_OK : pbs_alloc(s->run, &parts, n, sizeof *parts, "meshes", err);
+    s->parts[node] = parts;
+    for (size_t i = 0; i < n && !rc; i++) {
+        pbs_fetched f;
+        rc = pbs_archive_fetch(a, list[i], &f, err);
+        if (rc) break;
+        memcpy(to + at, f.chunk.payload, (size_t)f.chunk.bytes);
+        parts[i] = part_of(&f, at);
+        at += rounded(pbs_archive_bytes(a, list[i]));
+        pbs_archive_release(a, &f);
+    }
+    return rc;
+}
+
+pbs_code pbs_source_load(void *ctx, uint32_t item, pbs_blob *out, pbs_err *err) {
+    pbs_source *s = ctx;
+    uint32_t node = item / 2;
+    *out = (pbs_blob){.size = (size_t)s->bytes[item]};
+    pbs_code rc = pbs_alloc(s->run, &out->bytes, out->size, 1, "a node's data", err);
+    if (!rc)
+        rc = item % 2                         ? load_mesh(s, node, out->bytes, err)
+             : s->has[node] & PBS_HAS_SURFELS ? load_surfels(s, node, out->bytes, err)
+                                              : load_voxels(s, node, out->bytes, err);
+    if (!rc) return PBS_OK;
+    pbs_free(s->run, out->bytes);
+    *out = (pbs_blob){0};
+    return rc;
+}

@@ -1,0 +1,466 @@
+/* store.c: the loader's thread, the queue before it, and the GPU's memory behind it: paper 2,
+ * section 4.
+ *
+ * Only the thread that draws changes what items are; the loader takes numbers from the queue and
+ * puts what it has loaded on a list. Both are behind one lock, which is held for a few copies.
+ */
+#include "cmd/pbs-view/store.h"
+#include "cmd/pbs-view/rooms.h"
+#include <pthread.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+enum { QUEUE = 256, NONE = UINT32_MAX, LEAST_BLOCK = 1 << 20 };
+
+typedef enum state { ABSENT, READY, RESIDENT, FAILED } state;
+
+typedef struct item {
+    uint8_t state;
+    bool refused;   /* there was no room, when so many items had been let go: */
+    uint32_t block; /* of its place, NONE: it has none */
+    uint64_t refused_at;
+    uint64_t at, done; /* its place; bytes of it that are uploaded */
+    uint64_t used;     /* frame that needed it last */
+    pbs_blob blob;
+} item;
+
+typedef struct block {
+    uint32_t buffer;
+    pbs_rooms rooms; /* size 0: not there */
+} block;
+
+/* An item that may go. */
+typedef struct victim {
+    uint64_t used;
+    uint32_t item;
+} victim;
+
+typedef struct arrival {
+    uint32_t item;
+    pbs_blob blob;
+    pbs_err err; /* code PBS_OK: it is there */
+} arrival;
+
+struct pbs_store {
+    pbs_run *run;
+    pbs_store_desc desc;
+    pbs_store_source source;
+    pbs_store_gpu gpu;
+    uint64_t block_size, frame, let_go;
+    item *items;
+    uint8_t *resident;
+    victim *victims; /* scratch */
+    block *blocks;
+    size_t block_count, block_cap;
+    pbs_store_stats stats;
+    pbs_err trouble;
+    /* shared with the loader */
+    pthread_mutex_t lock;
+    pthread_cond_t asked, arrived;
+    pthread_t thread;
+    bool running, stop;
+    uint32_t queue[QUEUE], queued, taken; /* queue[taken .. queued - 1] is left */
+    uint32_t loading;                     /* item, or NONE */
+    arrival done[QUEUE];
+    uint32_t done_count;
+    uint64_t host, host_peak; /* bytes of blobs */
+};
+
+/* ---- the loader ---- */
+
+/* With the lock: whether the next one may be loaded. */
+static bool may_load(const pbs_store *s) {
+    if (s->taken == s->queued || s->done_count == QUEUE) return false;
+    return !s->host || s->host + s->desc.bytes[s->queue[s->taken]] <= s->desc.host;
+}
+
+/* With the lock, which is given up while it loads. */
+static void load_one(pbs_store *s) {
+    arrival a = {.item = s->queue[s->taken++]};
+    s->loading = a.item;
+    uint64_t room = s->desc.bytes[a.item];
+    s->host += room;
+    pthread_mutex_unlock(&s->lock);
+    a.err.code = s->source.load(s->source.ctx, a.item, &a.blob, &a.err);
+    pthread_mutex_lock(&s->lock);
+    s->host += a.blob.size - room;
+    s->host_peak = s->host > s->host_peak ? s->host : s->host_peak;
+    s->loading = NONE;
+    s->done[s->done_count++] = a;
+    pthread_cond_broadcast(&s->arrived);
+}
+
+static void *loader(void *ctx) {
+    pbs_store *s = ctx;
+    pthread_mutex_lock(&s->lock);
+    while (!s->stop) {
+        if (may_load(s))
+            load_one(s);
+        else
+            pthread_cond_wait(&s->asked, &s->lock);
+    }
+    pthread_mutex_unlock(&s->lock);
+    return NULL;
+}
+
+/* ---- the GPU's memory ---- */
+
+static pbs_code release(pbs_store *s, uint32_t id, pbs_err *err) {
+    item *i = &s->items[id];
+    if (i->block == NONE) return PBS_OK;
+    pbs_code rc = pbs_rooms_give(s->run, &s->blocks[i->block].rooms, i->at, s->desc.bytes[id], err);
+    if (rc) return rc;
+    i->block = NONE;
+    i->done = 0;
+    s->stats.resident -= s->desc.bytes[id];
+    s->let_go++;
+    return PBS_OK;
+}
+
+static void free_blob(pbs_store *s, item *i) {
+    if (!i->blob.bytes) return;
+    pthread_mutex_lock(&s->lock);
+    s->host -= i->blob.size;
+    pthread_mutex_unlock(&s->lock);
+    pbs_free(s->run, i->blob.bytes);
+    i->blob = (pbs_blob){0};
+}
+
+static void drop_empty_blocks(pbs_store *s) {
+    for (size_t i = 0; i < s->block_count; i++) {
+        block *b = &s->blocks[i];
+        if (!b->rooms.size || b->rooms.used) continue;
+        s->stats.buffers -= b->rooms.size;
+        s->gpu.drop(s->gpu.ctx, b->buffer);
+        pbs_rooms_free(s->run, &b->rooms);
+    }
+}
+
+static bool find_room(pbs_store *s, uint64_t size, item *i) {
+    for (size_t k = 0; k < s->block_count; k++)
+        if (s->blocks[k].rooms.size && pbs_rooms_take(&s->blocks[k].rooms, size, &i->at)) {
+            i->block = (uint32_t)k;
+            return true;
+        }
+    return false;
+}
+
+/* Another buffer that holds at least `size`; *made false: the limit, or the device, says no. */
+static pbs_code add_block(pbs_store *s, uint64_t size, bool *made, pbs_err *err) {
+    uint64_t want = size > s->block_size ? size : s->block_size,
+             left = s->desc.gpu - s->stats.buffers;
+    size_t k = 0;
+    *made = false;
+    if (want > left && size <= left) want = left;
+    want &= ~(uint64_t)(PBS_ROOM_ALIGN - 1);
+    if (want > left || want < size) return PBS_OK;
+    while (k < s->block_count && s->blocks[k].rooms.size) k++;
+    pbs_code rc =
+        pbs_grow(s->run, &s->blocks, &s->block_cap, k + 1, sizeof *s->blocks, "the GPU's map", err);
+    if (rc) return rc;
+    block *b = &s->blocks[k];
+    if (k == s->block_count) *b = (block){0}, s->block_count++;
+    if (!s->gpu.make(s->gpu.ctx, want, &b->buffer)) return PBS_OK;
+    rc = pbs_rooms_new(s->run, want, &b->rooms, err);
+    if (rc) {
+        s->gpu.drop(s->gpu.ctx, b->buffer);
+        return rc;
+    }
+    s->stats.buffers += want;
+    *made = true;
+    return PBS_OK;
+}
+
+static int by_use(const void *a, const void *b) {
+    const victim *x = a, *y = b;
+    return x->used != y->used ? (x->used > y->used) - (x->used < y->used)
+                              : (x->item > y->item) - (x->item < y->item);
+}
+
+/* Lets go what no need of this frame names, what was unused for longest first, until `size` bytes
+ * are free in one place. *found: they are, and i has it. */
+static pbs_code evict(pbs_store *s, uint64_t size, item *i, bool *found, pbs_err *err) {
+    size_t n = 0;
+    for (uint32_t k = 0; k < s->desc.items; k++)
+        if (s->items[k].block != NONE && s->items[k].used < s->frame)
+            s->victims[n++] = (victim){s->items[k].used, k};
+    if (n) qsort(s->victims, n, sizeof *s->victims, by_use);
+    for (size_t k = 0; k < n && !*found; k++) {
+        uint32_t id = s->victims[k].item;
+        item *old = &s->items[id];
+        pbs_code rc = release(s, id, err);
+        if (rc) return rc;
+        s->stats.evicted += old->state == RESIDENT;
+        if (old->state == RESIDENT) old->state = ABSENT;
+        s->resident[id] = 0;
+        *found = find_room(s, size, i);
+    }
+    return PBS_OK;
+}
+
+/* A place for the item: where one is free; in a new buffer; in the place of others. */
+static pbs_code place(pbs_store *s, uint32_t id, bool *found, pbs_err *err) {
+    item *i = &s->items[id];
+    uint64_t size = (s->desc.bytes[id] + PBS_ROOM_ALIGN - 1) & ~(uint64_t)(PBS_ROOM_ALIGN - 1);
+    pbs_code rc = PBS_OK;
+    *found = find_room(s, size, i);
+    for (int again = 0; again < 2 && !*found && !rc; again++) {
+        bool made;
+        rc = add_block(s, size, &made, err);
+        if (!rc && made) *found = find_room(s, size, i);
+        if (!rc && !*found && !again) rc = evict(s, size, i, found, err);
+        if (!*found && !again) drop_empty_blocks(s);
+    }
+    if (*found) s->stats.resident += s->desc.bytes[id];
+    i->refused = !*found;
+    i->refused_at = s->let_go;
+    return rc;
+}
+
+/* ---- a frame ---- */
+
+static void arrive(pbs_store *s, const arrival *a) {
+    item *i = &s->items[a->item];
+    bool fits = a->blob.size == s->desc.bytes[a->item];
+    i->blob = a->blob;
+    if (a->err.code == PBS_OK && fits) {
+        i->state = READY;
+        s->stats.loaded++;
+        return;
+    }
+    i->state = FAILED;
+    if (!s->stats.failed++) {
+        s->trouble = a->err;
+        if (a->err.code == PBS_OK)
+            (void)pbs_fail(&s->trouble, PBS_INTERNAL, "item %u has another size", a->item);
+    }
+}
+
+static void take_arrivals(pbs_store *s) {
+    static const arrival none;
+    for (;;) {
+        arrival a = none;
+        pthread_mutex_lock(&s->lock);
+        bool some = s->done_count != 0;
+        if (some) a = s->done[--s->done_count];
+        s->stats.host_peak = s->host_peak;
+        pthread_mutex_unlock(&s->lock);
+        if (!some) return;
+        arrive(s, &a);
+        if (s->items[a.item].state == FAILED) free_blob(s, &s->items[a.item]);
+    }
+}
+
+static bool can_come(const pbs_store *s, const item *i) {
+    return i->state != FAILED && !(i->refused && i->refused_at == s->let_go);
+}
+
+/* How many of the needs fit: 95 % of the limit. Marks them. */
+static size_t mark(pbs_store *s, const pbs_cut_need *needs, size_t count) {
+    uint64_t sum = 0;
+    size_t n = 0;
+    for (; n < count; n++) {
+        uint32_t id = needs[n].item;
+        sum += s->desc.bytes[id];
+        if (sum > s->desc.gpu / 20 * 19) break;
+        s->items[id].used = s->frame;
+    }
+    return n;
+}
+
+static pbs_code upload(pbs_store *s, uint32_t id, uint64_t *left, pbs_err *err) {
+    item *i = &s->items[id];
+    uint64_t size = s->desc.bytes[id];
+    bool found = i->block != NONE;
+    pbs_code rc = found ? PBS_OK : place(s, id, &found, err);
+    if (rc || !found) {
+        /* What finds no room makes way for what is behind it. */
+        free_blob(s, i);
+        i->state = ABSENT;
+        return rc;
+    }
+    uint64_t some = size - i->done < *left ? size - i->done : *left;
+    s->gpu.fill(s->gpu.ctx, s->blocks[i->block].buffer, i->at + i->done, i->blob.bytes + i->done,
+                some);
+    i->done += some;
+    *left -= some;
+    s->stats.uploaded += some;
+    s->stats.uploaded_last += some;
+    if (i->done < size) return PBS_OK;
+    i->state = RESIDENT;
+    s->resident[id] = 1;
+    free_blob(s, i);
+    return PBS_OK;
+}
+
+/* Blobs that nobody needs any more are in the way of others. */
+static pbs_code forget_unused(pbs_store *s, pbs_err *err) {
+    pbs_code rc = PBS_OK;
+    pthread_mutex_lock(&s->lock);
+    bool full = s->host > s->desc.host / 2;
+    pthread_mutex_unlock(&s->lock);
+    for (uint32_t id = 0; full && id < s->desc.items && !rc; id++) {
+        item *i = &s->items[id];
+        if (i->state != READY || i->used == s->frame) continue;
+        free_blob(s, i);
+        rc = release(s, id, err);
+        i->state = ABSENT;
+    }
+    return rc;
+}
+
+/* Returns whether something is to come. */
+static bool ask(pbs_store *s, const pbs_cut_need *needs, size_t count) {
+    pthread_mutex_lock(&s->lock);
+    s->queued = s->taken = 0;
+    for (size_t k = 0; k < count && s->queued < QUEUE; k++) {
+        const item *i = &s->items[needs[k].item];
+        bool here = needs[k].item == s->loading;
+        for (uint32_t d = 0; d < s->done_count && !here; d++)
+            here = s->done[d].item == needs[k].item;
+        if (i->state == ABSENT && !here && can_come(s, i)) s->queue[s->queued++] = needs[k].item;
+    }
+    bool some = s->queued || s->loading != NONE || s->done_count;
+    if (some) pthread_cond_signal(&s->asked);
+    while (!s->desc.threaded && may_load(s)) load_one(s);
+    pthread_mutex_unlock(&s->lock);
+    return some;
+}
+
+pbs_code pbs_store_frame(pbs_store *s, const pbs_cut_need *needs, size_t count, bool *busy,
+                         pbs_err *err) {
+    uint64_t left = s->desc.upload ? s->desc.upload : UINT64_MAX;
+    pbs_code rc = PBS_OK;
+    bool waiting = false;
+    s->frame++;
+    s->stats.uploaded_last = 0;
+    take_arrivals(s);
+    count = mark(s, needs, count);
+    for (size_t k = 0; k < count && !rc; k++) {
+        const item *i = &s->items[needs[k].item];
+        if (i->state != READY) continue;
+        if (left) rc = upload(s, needs[k].item, &left, err);
+        waiting = waiting || i->state == READY;
+    }
+    if (!rc) rc = forget_unused(s, err);
+    if (!rc) *busy = ask(s, needs, count) || waiting;
+    return rc;
+}
+
+void pbs_store_wait(pbs_store *s, double seconds) {
+    struct timespec until;
+    clock_gettime(CLOCK_REALTIME, &until);
+    until.tv_nsec += (long)(seconds * 1e9);
+    until.tv_sec += until.tv_nsec / 1000000000;
+    until.tv_nsec %= 1000000000;
+    pthread_mutex_lock(&s->lock);
+    int late = 0;
+    while (!s->done_count && !late && (s->loading != NONE || s->taken != s->queued))
+        late = pthread_cond_timedwait(&s->arrived, &s->lock, &until);
+    pthread_mutex_unlock(&s->lock);
+}
+
+/* ---- from beginning to end ---- */
+
+static pbs_code build(pbs_store *s, pbs_err *err) {
+    const char *what = "the table of what is loaded";
+    size_t n = s->desc.items;
+    pbs_code rc = pbs_alloc(s->run, &s->items, n, sizeof *s->items, what, err);
+    if (!rc) rc = pbs_alloc(s->run, &s->resident, n, 1, what, err);
+    if (!rc) rc = pbs_alloc(s->run, &s->victims, n, sizeof *s->victims, what, err);
+    if (rc) return rc;
+    memset(s->resident, 0, n);
+    for (size_t i = 0; i < n; i++) s->items[i] = (item){.block = NONE};
+    for (size_t i = 0; i < n; i++)
+        if (s->desc.bytes[i] > s->desc.largest) {
+            s->items[i].state = FAILED;
+            if (!s->stats.failed++)
+                (void)pbs_fail(&s->trouble, PBS_LIMIT,
+                               "a node of %llu bytes: the device draws up to %llu from one buffer",
+                               (unsigned long long)s->desc.bytes[i],
+                               (unsigned long long)s->desc.largest);
+        }
+    if (s->desc.threaded && pthread_create(&s->thread, NULL, loader, s))
+        return pbs_fail(err, PBS_LIMIT, "no thread to load with");
+    s->running = s->desc.threaded;
+    return PBS_OK;
+}
+
+/* A few buffers, and no more than there is to put into them. */
+static uint64_t block_size(const pbs_store_desc *d) {
+    uint64_t all = 0, size = d->gpu / 8;
+    for (size_t i = 0; i < d->items && all < size; i++) all += d->bytes[i] + PBS_ROOM_ALIGN;
+    if (all < size) size = all;
+    if (size < LEAST_BLOCK) size = LEAST_BLOCK;
+    return size < d->largest ? size : d->largest;
+}
+
+pbs_code pbs_store_new(pbs_run *run, const pbs_store_desc *desc, const pbs_store_source *source,
+                       const pbs_store_gpu *gpu, pbs_store **out, pbs_err *err) {
+    pbs_store *s;
+    *out = NULL;
+    pbs_code rc = pbs_alloc(run, &s, 1, sizeof *s, "the table of what is loaded", err);
+    if (rc) return rc;
+    memset(s, 0, sizeof *s);
+    s->run = run;
+    s->desc = *desc;
+    s->source = *source;
+    s->gpu = *gpu;
+    s->loading = NONE;
+    s->block_size = block_size(desc);
+    pthread_mutex_init(&s->lock, NULL);
+    pthread_cond_init(&s->asked, NULL);
+    pthread_cond_init(&s->arrived, NULL);
+    rc = build(s, err);
+    if (rc)
+        pbs_store_free(s, false);
+    else
+        *out = s;
+    return rc;
+}
+
+static void end_thread(pbs_store *s) {
+    if (!s->running) return;
+    pthread_mutex_lock(&s->lock);
+    s->stop = true;
+    pthread_cond_broadcast(&s->asked);
+    pthread_mutex_unlock(&s->lock);
+    pthread_join(s->thread, NULL);
+}
+
+void pbs_store_free(pbs_store *s, bool buffers) {
+    if (!s) return;
+    end_thread(s);
+    for (uint32_t i = 0; i < s->done_count; i++) pbs_free(s->run, s->done[i].blob.bytes);
+    for (size_t i = 0; s->items && i < s->desc.items; i++) pbs_free(s->run, s->items[i].blob.bytes);
+    for (size_t i = 0; i < s->block_count; i++) {
+        if (buffers && s->blocks[i].rooms.size) s->gpu.drop(s->gpu.ctx, s->blocks[i].buffer);
+        pbs_rooms_free(s->run, &s->blocks[i].rooms);
+    }
+    pthread_mutex_destroy(&s->lock);
+    pthread_cond_destroy(&s->asked);
+    pthread_cond_destroy(&s->arrived);
+    pbs_free(s->run, s->items);
+    pbs_free(s->run, s->resident);
+    pbs_free(s->run, s->victims);
+    pbs_free(s->run, s->blocks);
+    pbs_free(s->run, s);
+}
+
+const uint8_t *pbs_store_resident(const pbs_store *s) {
+    return s->resident;
+}
+
+pbs_region pbs_store_where(const pbs_store *s, uint32_t id) {
+    const item *i = &s->items[id];
+    return (pbs_region){s->blocks[i->block].buffer, i->at, s->desc.bytes[id]};
+}
+
+pbs_store_stats pbs_store_measure(const pbs_store *s) {
+    return s->stats;
+}
+
+const char *pbs_store_trouble(const pbs_store *s) {
+    return s->stats.failed ? s->trouble.text : NULL;
+}
