@@ -144,6 +144,12 @@ pbs_code pbs_canvas_begin(pbs_canvas *c, const pbs_frame *frame, pbs_err *err) {
     return pbs_gl_check(gl, "clear", err);
 }
 
+void pbs_canvas_look(pbs_canvas *c, const pbs_camera *camera, uint32_t left, uint32_t width) {
+    c->camera = *camera;
+    c->aspect = (double)width / c->height;
+    c->gl->Viewport((GLint)left, 0, (GLsizei)width, (GLsizei)c->height);
+}
+
 void pbs_canvas_view_uniforms(const pbs_canvas *c, GLuint program) {
     const pbs_gl *gl = c->gl;
     const pbs_camera *v = &c->camera;

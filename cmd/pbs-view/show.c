@@ -46,7 +46,7 @@ typedef struct task {
 typedef struct cut {
     pbs_show *show;
     const pbs_show_view *view;
-    double aspect;
+    pbs_eyes eyes;
     size_t count, cubes;
     task *tasks, now;
     size_t task_count, task_cap;
@@ -80,8 +80,9 @@ static void choose(const cut *c, const pbs_node *n, const double m[12], pbs_surf
         out->prefix = o->prefix < s.count ? (uint32_t)o->prefix : s.count;
     } else {
         const pbs_show_view *v = c->view;
-        double depth = pbs_cut_depth(&v->camera, c->aspect, &n->box, m);
-        double wanted = pbs_cut_wanted(&v->camera, v->height, depth, v->surfel_size, m);
+        double depth = pbs_eyes_depth(&c->eyes, &n->box, m);
+        double size = pbs_eyes_size(&c->eyes, v->surfel_size, &n->box, m);
+        double wanted = pbs_cut_wanted(&v->camera, v->height, depth, size, m);
         out->prefix = pbs_cut_prefix(&s, wanted);
     }
     out->radius = pbs_cut_radius(&s, out->prefix);
@@ -96,8 +97,9 @@ static void choose_adding(const cut *c, const pbs_node *n, const double m[12], p
     const pbs_show_options *o = c->show->options;
     const pbs_show_view *v = c->view;
     pbs_spacings s = spacings_of(&c->show->archive, n);
-    double depth = pbs_cut_depth(&v->camera, c->aspect, &n->box, m);
-    double wanted = pbs_cut_wanted(&v->camera, v->height, depth, v->surfel_size, m);
+    double depth = pbs_eyes_depth(&c->eyes, &n->box, m);
+    double size = pbs_eyes_size(&c->eyes, v->surfel_size, &n->box, m);
+    double wanted = pbs_cut_wanted(&v->camera, v->height, depth, size, m);
     out->prefix = o->prefix ? (o->prefix < s.count ? (uint32_t)o->prefix : s.count)
                             : pbs_cut_adding(&s, wanted / 2);
     out->radius = fmax(o->prefix ? 0 : wanted, n->covering);
@@ -108,7 +110,7 @@ static pbs_code add_surfels(cut *c, uint32_t id, const double m[12], bool *finer
     pbs_show *s = c->show;
     const pbs_archive *a = &s->archive;
     const pbs_node *n = &a->nodes[id];
-    if (!pbs_cut_visible(&c->view->camera, c->aspect, &n->box, n->covering, m)) return PBS_OK;
+    if (!pbs_eyes_see(&c->eyes, &n->box, n->covering, m)) return PBS_OK;
     pbs_code rc = pbs_grow(s->run, &s->list, &s->list_cap, c->count + 1, sizeof *s->list,
                            "the list of what is drawn", err);
     if (rc) return rc;
@@ -146,9 +148,10 @@ static pbs_code visit_voxels(cut *c, const pbs_node *n, const double m[12], bool
     pbs_show *s = c->show;
     const pbs_show_view *v = c->view;
     *descend = false;
-    if (!pbs_cut_visible(&v->camera, c->aspect, &n->box, 0, m)) return PBS_OK;
-    double depth = pbs_cut_depth(&v->camera, c->aspect, &n->box, m);
-    *descend = !pbs_cut_fine(&v->camera, v->height, depth, v->surfel_size, n->lattice, m) &&
+    if (!pbs_eyes_see(&c->eyes, &n->box, 0, m)) return PBS_OK;
+    double depth = pbs_eyes_depth(&c->eyes, &n->box, m);
+    double size = pbs_eyes_size(&c->eyes, v->surfel_size, &n->box, m);
+    *descend = !pbs_cut_fine(&v->camera, v->height, depth, size, n->lattice, m) &&
                has_finer(&s->archive, n);
     if (*descend) return PBS_OK;
     pbs_code rc = pbs_grow(s->run, &s->cubes, &s->cubes_cap, c->cubes + 1, sizeof *s->cubes,
@@ -198,12 +201,9 @@ static pbs_code list_all(cut *c, pbs_err *err) {
     return rc;
 }
 
-static pbs_code draw_archive(pbs_show *s, pbs_canvas *canvas, const pbs_show_view *view,
-                             pbs_err *err) {
-    cut c = {.show = s, .view = view, .aspect = (double)view->width / (double)view->height};
-    pbs_code rc = list_all(&c, err);
-    if (!rc) rc = pbs_canvas_surfels(canvas, s->list, c.count, err);
-    return rc ? rc : pbs_canvas_voxels(canvas, s->cubes, c.cubes, err);
+static pbs_code draw_archive(const cut *c, pbs_canvas *canvas, pbs_err *err) {
+    pbs_code rc = pbs_canvas_surfels(canvas, c->show->list, c->count, err);
+    return rc ? rc : pbs_canvas_voxels(canvas, c->show->cubes, c->cubes, err);
 }
 
 static pbs_code draw_scene(pbs_show *s, pbs_canvas *canvas, pbs_err *err) {
@@ -214,17 +214,19 @@ static pbs_code draw_scene(pbs_show *s, pbs_canvas *canvas, pbs_err *err) {
     return pbs_canvas_meshes(canvas, &m, err);
 }
 
-pbs_show_view pbs_show_first_view(const pbs_show *s) {
-    const pbs_show_options *o = s->options;
-    return (pbs_show_view){s->camera, (uint32_t)o->width, (uint32_t)o->height, o->surfel_size};
-}
-
 pbs_code pbs_show_draw(pbs_show *s, pbs_canvas *canvas, const pbs_show_view *view, pbs_err *err) {
     pbs_frame frame = {.camera = view->camera};
+    cut c = {.show = s, .view = view};
     s->drawn_nodes = s->drawn_surfels = s->drawn_voxels = s->drawn_triangles = 0;
+    pbs_eyes_of(&c.eyes, &view->camera, view->width, view->height, view->separation, view->zones,
+                view->gaze);
     pbs_code rc = pbs_canvas_begin(canvas, &frame, err);
-    if (rc) return rc;
-    return s->options->geometry ? draw_scene(s, canvas, err) : draw_archive(s, canvas, view, err);
+    if (!rc && !s->options->geometry) rc = list_all(&c, err);
+    for (int i = 0; i < c.eyes.count && !rc; i++) {
+        pbs_canvas_look(canvas, &c.eyes.camera[i], c.eyes.left[i], c.eyes.width);
+        rc = s->options->geometry ? draw_scene(s, canvas, err) : draw_archive(&c, canvas, err);
+    }
+    return rc;
 }
 
 void pbs_show_close(pbs_show *s) {

@@ -4,6 +4,7 @@
 #define PBS_SHOW_H
 
 #include "cmd/pbs-view/draw.h"
+#include "cmd/pbs-view/eyes.h"
 #include "formats/archive.h"
 #include "formats/scene.h"
 
@@ -26,6 +27,7 @@ typedef struct pbs_show {
     pbs_image *images;
     /* of the last draw */
     uint64_t drawn_nodes, drawn_surfels, drawn_voxels, drawn_triangles;
+    bool unfinished; /* the same view drawn again will show more: something is being loaded */
     pbs_surfels *list;
     pbs_cubes *cubes;
     size_t list_cap, cubes_cap;
@@ -39,9 +41,10 @@ typedef struct pbs_show_view {
     pbs_camera camera;
     uint32_t width, height;
     double surfel_size;
+    double separation;      /* of two eyes side by side, world unit; 0: one eye */
+    const pbs_zones *zones; /* factors of the surfel size around the gaze; NULL: none */
+    double gaze[2];         /* shares of an eye's part of the picture, from its left upper corner */
 } pbs_show_view;
-/* As the options have it. */
-pbs_show_view pbs_show_first_view(const pbs_show *show);
 
 /* Clears the canvas and draws; the caller ends or presents it. */
 pbs_code pbs_show_draw(pbs_show *show, pbs_canvas *canvas, const pbs_show_view *view, pbs_err *err);
