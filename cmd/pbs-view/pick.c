@@ -123,7 +123,7 @@ static pbs_code step(search *s, pbs_err *err) {
 }
 
 pbs_code pbs_pick(pbs_run *run, const pbs_node *nodes, size_t count, const double point[3],
-                  double tolerance, char *out, size_t size, bool *found, pbs_err *err) {
+                  double tolerance, char *out, size_t size, bool *part, pbs_err *err) {
     search s = {.run = run,
                 .nodes = nodes,
                 .point = point,
@@ -138,6 +138,6 @@ pbs_code pbs_pick(pbs_run *run, const pbs_node *nodes, size_t count, const doubl
         rc = push(&s, root, nodes[root].name, PBS_IDENTITY, err);
     while (s.depth && s.boxes < MOST_BOXES && !rc) rc = step(&s, err);
     pbs_free(run, s.frames);
-    *found = s.found;
+    *part = s.best_is_part;
     return rc;
 }

@@ -14,10 +14,10 @@ void pbs_pick_point(double out[3], const pbs_camera *camera, double aspect, doub
                     double depth);
 
 /* "plant / pump 3 / shaft": the names from the root to the part, those that have one; "node 17" if
- * none has. tolerance, world unit: how far outside of its box a point of a part may lie. False, and
- * "": the point is in no node's box. Goes by boxes that hold the point, at most a million of them:
- * a hierarchy that places more around one point is named by what was found until then. Errors:
- * PBS_LIMIT. */
+ * none has. tolerance, world unit: how far outside of its box a point of a part may lie. *part: it
+ * is a part; false: an assembly, none of whose parts' boxes hold the point, or "", where no box
+ * does. Goes by boxes that hold the point, at most a million of them: a hierarchy that places more
+ * around one point is named by what was found until then. Errors: PBS_LIMIT. */
 pbs_code pbs_pick(pbs_run *run, const pbs_node *nodes, size_t count, const double point[3],
-                  double tolerance, char *out, size_t size, bool *found, pbs_err *err);
+                  double tolerance, char *out, size_t size, bool *part, pbs_err *err);
 #endif

@@ -112,7 +112,7 @@ pbs_show_view pbs_play_view(const pbs_play *p, const pbs_camera *camera, uint32_
 
 pbs_code pbs_play_pick(const pbs_show *show, pbs_canvas *canvas, const pbs_show_view *v, double x,
                        double y, char *out, size_t size, pbs_err *err) {
-    bool geometry = show->options->geometry, found;
+    bool geometry = show->options->geometry, part = false;
     const pbs_node *nodes = geometry ? show->scene.nodes : show->archive.nodes;
     size_t count = geometry ? show->scene.node_count : show->archive.node_count;
     double depth, point[3];
@@ -125,7 +125,9 @@ pbs_code pbs_play_pick(const pbs_show *show, pbs_canvas *canvas, const pbs_show_
     int i = eyes.count == 2 && x >= eyes.left[1];
     pbs_pick_point(point, &eyes.camera[i], eyes.aspect, (x - eyes.left[i]) / eyes.width,
                    y / eyes.height, depth);
-    /* Discs stand out of the box by their radius. */
+    /* Discs stand out of their part's box by their radius, which may be more than a pixel. */
     double pixel = pbs_camera_pixel(&v->camera, v->height) * depth * v->camera.unit;
-    return pbs_pick(show->run, nodes, count, point, pixel * v->surfel_size, out, size, &found, err);
+    for (double wide = 1; wide <= 64 && !rc && !part; wide *= 4)
+        rc = pbs_pick(show->run, nodes, count, point, wide * pixel, out, size, &part, err);
+    return rc;
 }
