@@ -124,7 +124,7 @@ ifeq ($(call have,meshoptimizer.h,),yes)
 $(B)/tests/test_gltf_meshopt: LDLIBS += -lmeshoptimizer
 endif
 # The player's tests have its parts, but not its main.
-$(B)/tests/test_view $(B)/tests/test_draw $(B)/tests/test_draw_voxel $(B)/tests/test_path $(B)/tests/test_play: $(B)/tests/%: $(B)/obj/tests/unit/%.o \
+$(B)/tests/test_view $(B)/tests/test_draw $(B)/tests/test_draw_voxel $(B)/tests/test_path $(B)/tests/test_play $(B)/tests/test_canvas: $(B)/tests/%: $(B)/obj/tests/unit/%.o \
     $(filter-out %/main.o,$(view)) $(B)/libformats.a $(B)/libcore.a
 	@mkdir -p $(@D)
 	$(CC) $(ALLLDFLAGS) -o $@ $^ $(LDLIBS)

@@ -4,6 +4,7 @@
 #include "cmd/pbs-view/input.h"
 #include <dlfcn.h>
 #include <stdio.h>
+#include <unistd.h>
 
 static pbs_code load_glfw(pbs_glfw *f, pbs_err *err) {
     void *lib = dlopen("libglfw.so.3", RTLD_NOW | RTLD_LOCAL);
@@ -25,6 +26,21 @@ static pbs_code glfw_error(const pbs_glfw *f, const char *what, pbs_err *err) {
                     text ? text : "failed");
 }
 
+/* Xlib would end the program with status 1, and cannot be talked out of ending it. */
+static int on_display_lost(void *display) {
+    static const char text[] = "pbs-view: the display was lost\n";
+    (void)display;
+    if (write(2, text, sizeof text - 1) < 0) _exit(PBS_INTERNAL);
+    _exit(PBS_IO);
+}
+
+static void watch_display(void) {
+    void *lib = dlopen("libX11.so.6", RTLD_NOW | RTLD_NOLOAD); /* GLFW's, if it uses X11 */
+    void *(*set)(int (*)(void *)) = NULL;
+    if (lib) *(void **)&set = dlsym(lib, "XSetIOErrorHandler");
+    if (set) set(on_display_lost);
+}
+
 /* A device that is reset tells it then, and goes on with calls that do nothing, instead of ending
  * the program. Not every driver can. */
 static GLFWwindow *create(const pbs_window *s) {
@@ -42,6 +58,7 @@ static GLFWwindow *create(const pbs_window *s) {
 static pbs_code open_window(pbs_window *s, pbs_err *err) {
     if (!s->f.Init()) return glfw_error(&s->f, "no window", err);
     s->initialised = true;
+    watch_display();
     s->w = create(s);
     if (!s->w) return glfw_error(&s->f, "no window with OpenGL 4.5", err);
     s->f.MakeContextCurrent(s->w);
