@@ -11,7 +11,7 @@
 
 /* clang-format off */
 #define PBS_GLFW_FUNCTIONS(F) \
-    F(Init) F(Terminate) F(GetError) F(WindowHint) F(CreateWindow) F(DestroyWindow) \
+    F(Init) F(GetError) F(WindowHint) F(CreateWindow) F(DestroyWindow) \
     F(MakeContextCurrent) F(GetProcAddress) F(SwapBuffers) F(SwapInterval) F(WaitEventsTimeout) \
     F(PollEvents) F(WindowShouldClose) F(SetWindowShouldClose) F(GetFramebufferSize) \
     F(GetWindowSize) F(SetWindowTitle) F(SetCursorPosCallback) F(SetScrollCallback) \
@@ -38,15 +38,15 @@ typedef struct pbs_window {
     pbs_bench *bench;
     pbs_camera camera;
     const char *title;
-    double x, y;              /* where the mouse was */
-    double moved;             /* how far it was dragged, pixels: a click is no drag */
-    double pick_x, pick_y;    /* window coordinates of what is to be named */
-    double before, focus_at;  /* times, seconds: of the last advance; of the next look ahead */
-    double path_time;         /* of the path that is played */
-    uint32_t width, height;   /* of the canvas */
-    bool initialised, hidden; /* GLFW is; the window has no size */
-    bool stale;               /* the picture is not what the window should show */
-    bool pick;                /* the next picture is to be asked for a name */
+    double x, y;             /* where the mouse was */
+    double moved;            /* how far it was dragged, pixels: a click is no drag */
+    double pick_x, pick_y;   /* window coordinates of what is to be named */
+    double before, focus_at; /* times, seconds: of the last advance; of the next look ahead */
+    double path_time;        /* of the path that is played */
+    uint32_t width, height;  /* of the canvas */
+    bool hidden;             /* the window has no size */
+    bool stale;              /* the picture is not what the window should show */
+    bool pick;               /* the next picture is to be asked for a name */
 } pbs_window;
 
 /* Sets the callbacks of the window, of which there can be one. */
