@@ -124,6 +124,23 @@ void pbs_camera_frame(pbs_camera *out, const pbs_box *box, const pbs_camera_desc
     *out = c;
 }
 
+bool pbs_camera_look(pbs_camera *out, const double eye[3], const double target[3],
+                     const double up[3], double fov) {
+    if (fov == 0) fov = DEFAULT_FOV;
+    pbs_camera c = {.tan_half = tan(fov / 2 * RADIANS)};
+    for (int k = 0; k < 3; k++) {
+        c.eye[k] = eye[k];
+        c.target[k] = target[k];
+        c.back[k] = eye[k] - target[k];
+    }
+    c.unit = normalise(c.back);
+    if (!(c.unit > 0) || !(fov > 0 && fov < 180)) return false;
+    set_up(&c, up);
+    complete(&c);
+    *out = c;
+    return true;
+}
+
 static int parse_numbers(const char *text, double out[10]) {
     for (int n = 0; n < 10; n++) {
         char *end;
@@ -149,16 +166,8 @@ pbs_code pbs_camera_parse(pbs_camera *out, const char *text, pbs_err *err) {
     if (!(fov > 0 && fov < 180))
         return pbs_fail(err, PBS_USAGE, "camera %s: field of view %g: between 0 and 180", text,
                         fov);
-    pbs_camera c = {.tan_half = tan(fov / 2 * RADIANS)};
-    memcpy(c.eye, v, sizeof c.eye);
-    memcpy(c.target, v + 3, sizeof c.target);
-    for (int k = 0; k < 3; k++) c.back[k] = c.eye[k] - c.target[k];
-    c.unit = normalise(c.back);
-    if (c.unit == 0)
+    if (!pbs_camera_look(out, v, v + 3, up, fov))
         return pbs_fail(err, PBS_USAGE, "camera %s: eye and target are the same point", text);
-    set_up(&c, up);
-    complete(&c);
-    *out = c;
     return PBS_OK;
 }
 
@@ -167,7 +176,8 @@ static void place_eye(pbs_camera *c) {
     complete(c);
 }
 
-void pbs_camera_orbit(pbs_camera *c, double dx, double dy) {
+/* Turns the direction towards the eye around what is up, and lifts it; never over the pole. */
+static void swing(pbs_camera *c, double dx, double dy) {
     double height = dot(c->back, c->world_up), turn = -3 * dx;
     double lift = asin(height > 1 ? 1 : height < -1 ? -1 : height);
     double higher = lift + 3 * dy, most = 89.5 * RADIANS;
@@ -179,6 +189,10 @@ void pbs_camera_orbit(pbs_camera *c, double dx, double dy) {
         c->back[k] = cos(higher) * (cos(turn) * flat[k] + sin(turn) * side[k]) +
                      sin(higher) * c->world_up[k];
     normalise(c->back);
+}
+
+void pbs_camera_orbit(pbs_camera *c, double dx, double dy) {
+    swing(c, dx, dy);
     place_eye(c);
 }
 
@@ -188,13 +202,45 @@ void pbs_camera_pan(pbs_camera *c, double dx, double dy) {
     place_eye(c);
 }
 
+/* As near as doubles tell the eye from the target, and as far. */
+static bool usable_unit(const double at[3], double unit) {
+    double reach = fmax(fabs(at[0]), fmax(fabs(at[1]), fabs(at[2])));
+    return unit > 1e-12 * reach && unit > 1e-290 && unit < 1e290;
+}
+
 void pbs_camera_dolly(pbs_camera *c, double steps) {
     double unit = c->unit * pow(0.9, steps);
-    /* As near as doubles tell the eye from the target, and as far. */
-    double reach = fmax(fabs(c->target[0]), fmax(fabs(c->target[1]), fabs(c->target[2])));
-    if (!(unit > 1e-12 * reach) || !(unit > 1e-290) || !(unit < 1e290)) return;
+    if (!usable_unit(c->target, unit)) return;
     c->unit = unit;
     place_eye(c);
+}
+
+static void place_target(pbs_camera *c) {
+    for (int k = 0; k < 3; k++) c->target[k] = c->eye[k] - c->unit * c->back[k];
+}
+
+void pbs_camera_turn(pbs_camera *c, double dx, double dy) {
+    swing(c, dx, dy);
+    complete(c);
+    place_target(c);
+}
+
+void pbs_camera_move(pbs_camera *c, double right, double up, double ahead) {
+    for (int k = 0; k < 3; k++)
+        c->eye[k] += c->unit * (right * c->right[k] + up * c->up[k] - ahead * c->back[k]);
+    place_target(c);
+}
+
+void pbs_camera_refocus(pbs_camera *c, double distance) {
+    double unit = c->unit * distance;
+    if (!usable_unit(c->eye, unit)) return;
+    c->unit = unit;
+    place_target(c);
+}
+
+void pbs_camera_shift(pbs_camera *c, double right) {
+    for (int k = 0; k < 3; k++) c->eye[k] += right * c->right[k];
+    place_target(c);
 }
 
 void pbs_camera_place(double out[12], const pbs_camera *c, const double m[12]) {

@@ -9,6 +9,7 @@
 
 #include "libcore/err.h"
 #include "libcore/vec.h"
+#include <stdbool.h>
 
 typedef struct pbs_camera {
     double eye[3], target[3];
@@ -37,11 +38,26 @@ void pbs_camera_frame(pbs_camera *out, const pbs_box *box, const pbs_camera_desc
  * degrees (30). Errors: PBS_USAGE. */
 pbs_code pbs_camera_parse(pbs_camera *out, const char *text, pbs_err *err);
 
+/* The same from numbers; up 0: +y; fov in degrees, 0: 30. False, and *out unchanged: eye and target
+ * are the same point, or a number is out of range. */
+bool pbs_camera_look(pbs_camera *out, const double eye[3], const double target[3],
+                     const double up[3], double fov);
+
 /* For the mouse; dx and dy are shares of the window's height. Orbit turns around the target and
  * stops before the pole; pan moves the target along; a dolly step of 1 goes a tenth nearer. */
 void pbs_camera_orbit(pbs_camera *camera, double dx, double dy);
 void pbs_camera_pan(pbs_camera *camera, double dx, double dy);
 void pbs_camera_dolly(pbs_camera *camera, double steps);
+
+/* For flying: turn looks around from where the eye is, dx and dy as above; move goes so far to the
+ * right, up and ahead, in distances of the target. The target comes along. */
+void pbs_camera_turn(pbs_camera *camera, double dx, double dy);
+void pbs_camera_move(pbs_camera *camera, double right, double up, double ahead);
+/* Puts the target so far ahead, in present distances of the target: what the eye sees stays. A
+ * number that is none, or too far for doubles, changes nothing. */
+void pbs_camera_refocus(pbs_camera *camera, double distance);
+/* Moves the eye alone to the right, world unit; the line of sight stays parallel. */
+void pbs_camera_shift(pbs_camera *camera, double right);
 
 /* out takes the coordinates that m takes to the world to view coordinates instead. */
 void pbs_camera_place(double out[12], const pbs_camera *camera, const double m[12]);

@@ -66,7 +66,7 @@ struct pbs_cut {
     size_t need_count, need_cap;
     /* of this frame */
     const pbs_cut_view *view;
-    double aspect;
+    pbs_eyes eyes;
     record *record;
     uint64_t culled, steps;
 };
@@ -216,16 +216,17 @@ static pbs_code add_refined(pbs_cut *c, const task *t, uint32_t *out, pbs_err *e
 
 static bool visible(const pbs_cut *c, const task *t) {
     const pbs_node *n = &c->scene.nodes[t->node];
-    return pbs_cut_visible(&c->view->camera, c->aspect, &n->box, c->pad[t->node], t->m);
+    return pbs_eyes_see(&c->eyes, &n->box, c->pad[t->node], t->m);
 }
 
 static double depth_of(const pbs_cut *c, const task *t) {
-    return pbs_cut_depth(&c->view->camera, c->aspect, &c->scene.nodes[t->node].box, t->m);
+    return pbs_eyes_depth(&c->eyes, &c->scene.nodes[t->node].box, t->m);
 }
 
 /* Radius of a disc that has the view's size there, node's unit. */
 static double wanted_of(const pbs_cut *c, const task *t, double depth) {
-    return pbs_cut_wanted(&c->view->camera, c->view->height, depth, c->view->size, t->m);
+    double size = pbs_eyes_size(&c->eyes, c->view->size, &c->scene.nodes[t->node].box, t->m);
+    return pbs_cut_wanted(&c->view->camera, c->view->height, depth, size, t->m);
 }
 
 /* Whether all is there that would be drawn in the place of the node; asks for it in any case. */
@@ -425,7 +426,10 @@ static void start(pbs_cut *c, const pbs_cut_view *view) {
     c->need_count = c->draw_count = c->task_count = 0;
     c->culled = 0;
     c->view = view;
-    c->aspect = (double)view->width / (double)view->height;
+    if (view->eyes)
+        c->eyes = *view->eyes;
+    else
+        pbs_eyes_of(&c->eyes, &view->camera, view->width, view->height, 0, NULL, NULL);
     c->record = &c->records[++c->number % RECORDS];
     c->record->number = 0;
     c->record->entry_count = c->record->refined_count = 0;

@@ -5,7 +5,7 @@
 #ifndef PBS_CUT_H
 #define PBS_CUT_H
 
-#include "cmd/pbs-view/camera.h"
+#include "cmd/pbs-view/eyes.h"
 #include "cmd/pbs-view/profile.h"
 #include <stddef.h>
 
@@ -51,12 +51,13 @@ typedef struct pbs_cut_scene {
 typedef struct pbs_cut_view {
     pbs_camera camera;
     uint32_t width, height;
-    double size;     /* pixels: diameter of a surfel, side of a voxel */
-    uint64_t prefix; /* surfels of each node whatever the camera needs; 0: what it needs */
-    bool formula;    /* p(r) by the paper's estimate */
-    bool partial;    /* paper 2's second policy: of children those are drawn that are there, with
-                        holes for the others. Else a node stays until all of them are there */
-    bool occlusion;  /* what was hidden is drawn coarse; needs pbs_cut_feedback */
+    const pbs_eyes *eyes; /* of this camera and picture; NULL: one, and no zones */
+    double size;          /* pixels: diameter of a surfel, side of a voxel */
+    uint64_t prefix;      /* surfels of each node whatever the camera needs; 0: what it needs */
+    bool formula;         /* p(r) by the paper's estimate */
+    bool partial;   /* paper 2's second policy: of children those are drawn that are there, with
+                       holes for the others. Else a node stays until all of them are there */
+    bool occlusion; /* what was hidden is drawn coarse; needs pbs_cut_feedback */
 } pbs_cut_view;
 
 /* In the order in which they are drawn; near before far within a kind. */

@@ -137,6 +137,12 @@ const pbs_gl *pbs_canvas_gl(const pbs_canvas *c) {
     return c->gl;
 }
 
+void pbs_canvas_look(pbs_canvas *c, const pbs_camera *camera, uint32_t left, uint32_t width) {
+    c->camera = *camera;
+    c->aspect = (double)width / c->height;
+    c->gl->Viewport((GLint)left, 0, (GLsizei)width, (GLsizei)c->height);
+}
+
 void pbs_canvas_view_uniforms(const pbs_canvas *c, GLuint program) {
     const pbs_gl *gl = c->gl;
     const pbs_camera *v = &c->camera;

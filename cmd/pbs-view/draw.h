@@ -42,6 +42,9 @@ typedef struct pbs_frame {
 /* Clears the canvas. */
 pbs_code pbs_canvas_begin(pbs_canvas *canvas, const pbs_frame *frame, pbs_err *err);
 
+/* What follows is seen by this camera, in these columns of the canvas only: one of two eyes. */
+void pbs_canvas_look(pbs_canvas *canvas, const pbs_camera *camera, uint32_t left, uint32_t width);
+
 /* A prefix of a node's surfels, packed as in the archive (little-endian, fields in this order):
  *
  *     uint16 position[3], half spacing           always

@@ -90,13 +90,17 @@ static bool has(const char *list, const char *word) {
     return list && strstr(list, word);
 }
 
-static EGLContext create_context(const egl *e, EGLDisplay display, int minor) {
+/* robust: a device that is reset says so, and calls do nothing then, instead of ending the
+ * program. */
+static EGLContext create_context(const egl *e, EGLDisplay display, int minor, bool robust) {
     const EGLint attributes[] = {EGL_CONTEXT_MAJOR_VERSION,
                                  4,
                                  EGL_CONTEXT_MINOR_VERSION,
                                  minor,
                                  EGL_CONTEXT_OPENGL_PROFILE_MASK,
                                  EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT,
+                                 robust ? EGL_CONTEXT_OPENGL_RESET_NOTIFICATION_STRATEGY : EGL_NONE,
+                                 EGL_LOSE_CONTEXT_ON_RESET,
                                  EGL_NONE};
     const EGLint wanted[] = {EGL_RENDERABLE_TYPE, EGL_OPENGL_BIT, EGL_SURFACE_TYPE, 0, EGL_NONE};
     EGLConfig config = EGL_NO_CONFIG_KHR;
@@ -119,8 +123,8 @@ static bool try_display(pbs_gl_context *c, EGLDisplay display, bool hardware, bo
     EGLContext context = EGL_NO_CONTEXT;
     if (e->BindAPI(EGL_OPENGL_API) &&
         has(e->QueryString(display, EGL_EXTENSIONS), "EGL_KHR_surfaceless_context"))
-        for (int minor = 6; minor >= 5 && context == EGL_NO_CONTEXT; minor--)
-            context = create_context(e, display, minor);
+        for (int attempt = 0; attempt < 4 && context == EGL_NO_CONTEXT; attempt++)
+            context = create_context(e, display, attempt % 2 ? 5 : 6, attempt < 2);
     if (context != EGL_NO_CONTEXT &&
         e->MakeCurrent(display, EGL_NO_SURFACE, EGL_NO_SURFACE, context)) {
         PFNGLGETSTRINGPROC string = (PFNGLGETSTRINGPROC)e->GetProcAddress("glGetString");
@@ -295,11 +299,25 @@ pbs_code pbs_gl_program(const pbs_gl *gl, const char *name, const pbs_gl_stage *
     return code;
 }
 
+static pbs_code device_lost(const pbs_gl *gl, GLenum why, pbs_err *err) {
+    return pbs_fail(err, PBS_IO, "OpenGL: the device was lost (%s): %s",
+                    why == GL_GUILTY_CONTEXT_RESET     ? "it was reset because of this program"
+                    : why == GL_INNOCENT_CONTEXT_RESET ? "it was reset because of another program"
+                                                       : "it was reset or taken away",
+                    gl->device);
+}
+
+pbs_code pbs_gl_lost(const pbs_gl *gl, pbs_err *err) {
+    GLenum why = gl->GetGraphicsResetStatus();
+    return why == GL_NO_ERROR ? PBS_OK : device_lost(gl, why, err);
+}
+
 pbs_code pbs_gl_check(const pbs_gl *gl, const char *what, pbs_err *err) {
     GLenum first = gl->GetError();
     if (first == GL_NO_ERROR) return PBS_OK;
     /* A lost context reports errors for ever. */
     for (int i = 0; i < 16 && gl->GetError() != GL_NO_ERROR; i++) continue;
+    if (first == GL_CONTEXT_LOST) return device_lost(gl, gl->GetGraphicsResetStatus(), err);
     if (first == GL_OUT_OF_MEMORY)
         return pbs_fail(err, PBS_LIMIT, "OpenGL: %s: out of memory", what);
     return pbs_fail(err, PBS_INTERNAL, "OpenGL: %s: error 0x%04x", what, first);

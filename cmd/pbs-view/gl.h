@@ -22,7 +22,7 @@
 #define PBS_GL_FUNCTIONS(F) \
     /* state */ \
     F(Enable) F(Disable) F(GetError) F(GetString) F(GetStringi) F(GetIntegerv) F(GetInteger64v) \
-    F(Viewport) F(Scissor) F(ColorMask) F(ClipControl) F(PixelStorei) F(Finish) F(Flush) \
+    F(GetGraphicsResetStatus) F(Viewport) F(Scissor) F(ColorMask) F(ClipControl) F(PixelStorei) F(Finish) F(Flush) \
     F(PolygonMode) F(PolygonOffset) F(FrontFace) F(CullFace) F(PointSize) F(MemoryBarrier) \
     F(DebugMessageCallback) F(MinSampleShading) \
     F(DepthFunc) F(DepthMask) F(DepthRange) F(StencilFunc) F(StencilOp) F(StencilMask) \
@@ -111,6 +111,10 @@ typedef struct pbs_gl_stage {
 pbs_code pbs_gl_program(const pbs_gl *gl, const char *name, const pbs_gl_stage *stages, int count,
                         GLuint *program, pbs_err *err);
 
-/* PBS_LIMIT for GL_OUT_OF_MEMORY, PBS_INTERNAL for another GL error since the last call. */
+/* PBS_IO if the device was reset, taken away or has stopped since the context was made; nothing can
+ * be drawn with it any more. */
+pbs_code pbs_gl_lost(const pbs_gl *gl, pbs_err *err);
+/* PBS_LIMIT for GL_OUT_OF_MEMORY, as pbs_gl_lost for GL_CONTEXT_LOST, PBS_INTERNAL for another GL
+ * error since the last call. */
 pbs_code pbs_gl_check(const pbs_gl *gl, const char *what, pbs_err *err);
 #endif

@@ -40,25 +40,27 @@ pbs_code pbs_show_open(pbs_run *run, const pbs_show_options *o, const char *path
 }
 
 /* A picture that is taken once must not depend on what was hidden before. */
-static pbs_cut_view cut_view(const pbs_show *s, const pbs_show_view *v) {
+static pbs_cut_view cut_view(const pbs_show *s, const pbs_show_view *v, const pbs_eyes *eyes) {
     const pbs_show_options *o = s->options;
     return (pbs_cut_view){.camera = v->camera,
                           .width = v->width,
                           .height = v->height,
                           .size = v->surfel_size,
+                          .eyes = eyes,
                           .prefix = o->prefix,
                           .formula = o->formula,
                           .partial = o->partial,
                           .occlusion = !o->no_occlusion && !o->shot};
 }
 
-static pbs_code draw_archive(pbs_show *s, pbs_canvas *canvas, const pbs_show_view *view,
-                             pbs_err *err) {
-    pbs_player *p = &s->player;
-    pbs_cut_view v = cut_view(s, view);
-    pbs_code rc = pbs_player_look(p, canvas, &v, err);
-    if (!rc) rc = pbs_player_draw(p, canvas, &v, err);
-    if (rc) return rc;
+static pbs_eyes eyes_of(const pbs_show_view *v) {
+    pbs_eyes eyes;
+    pbs_eyes_of(&eyes, &v->camera, v->width, v->height, v->separation, v->zones, v->gaze);
+    return eyes;
+}
+
+static void count(pbs_show *s) {
+    const pbs_player *p = &s->player;
     pbs_store_stats stats = pbs_player_measure(p);
     s->drawn_nodes = p->frame.draw_count - p->frame.hidden;
     s->drawn_surfels = p->frame.surfels;
@@ -70,13 +72,13 @@ static pbs_code draw_archive(pbs_show *s, pbs_canvas *canvas, const pbs_show_vie
     s->missing = p->frame.missing;
     s->uploaded_bytes = stats.uploaded_last;
     s->resident_bytes = stats.resident;
-    s->loading = p->busy;
-    return PBS_OK;
+    s->unfinished = p->busy;
 }
 
 pbs_code pbs_show_settle(pbs_show *s, pbs_canvas *canvas, const pbs_show_view *view, pbs_err *err) {
     if (s->options->geometry) return PBS_OK;
-    pbs_cut_view v = cut_view(s, view);
+    pbs_eyes eyes = eyes_of(view);
+    pbs_cut_view v = cut_view(s, view, &eyes);
     return pbs_player_settle(&s->player, canvas, &v, err);
 }
 
@@ -92,17 +94,20 @@ static pbs_code draw_scene(pbs_show *s, pbs_canvas *canvas, pbs_err *err) {
     return pbs_canvas_meshes(canvas, &m, err);
 }
 
-pbs_show_view pbs_show_first_view(const pbs_show *s) {
-    const pbs_show_options *o = s->options;
-    return (pbs_show_view){s->camera, (uint32_t)o->width, (uint32_t)o->height, o->surfel_size};
-}
-
 pbs_code pbs_show_draw(pbs_show *s, pbs_canvas *canvas, const pbs_show_view *view, pbs_err *err) {
     pbs_frame frame = {.camera = view->camera};
+    pbs_eyes eyes = eyes_of(view);
+    pbs_cut_view v = cut_view(s, view, &eyes);
+    bool scene = s->options->geometry;
     s->drawn_nodes = s->drawn_surfels = s->drawn_voxels = s->drawn_triangles = 0;
     pbs_code rc = pbs_canvas_begin(canvas, &frame, err);
-    if (rc) return rc;
-    return s->options->geometry ? draw_scene(s, canvas, err) : draw_archive(s, canvas, view, err);
+    if (!rc && !scene) rc = pbs_player_look(&s->player, canvas, &v, err);
+    for (int i = 0; i < eyes.count && !rc; i++) {
+        pbs_canvas_look(canvas, &eyes.camera[i], eyes.left[i], eyes.width);
+        rc = scene ? draw_scene(s, canvas, err) : pbs_player_draw(&s->player, canvas, &v, err);
+    }
+    if (!rc && !scene) count(s);
+    return rc;
 }
 
 void pbs_show_close(pbs_show *s) {

@@ -5,6 +5,7 @@
 
 #include "cmd/pbs-view/draw.h"
 #include "cmd/pbs-view/player.h"
+#include "cmd/pbs-view/eyes.h"
 #include "formats/scene.h"
 
 typedef struct pbs_show_options {
@@ -35,7 +36,7 @@ typedef struct pbs_show {
     uint64_t culled,
         hidden;       /* nodes outside of the picture, and drawn to see whether they are seen */
     uint64_t missing; /* nodes and meshes that are wanted and not there yet */
-    bool loading;     /* another draw of the same view would show more */
+    bool unfinished;  /* another draw of the same view would show more */
 } pbs_show;
 
 /* options are borrowed until close. */
@@ -46,9 +47,10 @@ typedef struct pbs_show_view {
     pbs_camera camera;
     uint32_t width, height;
     double surfel_size;
+    double separation;      /* of two eyes side by side, world unit; 0: one eye */
+    const pbs_zones *zones; /* factors of the surfel size around the gaze; NULL: none */
+    double gaze[2];         /* shares of an eye's part of the picture, from its left upper corner */
 } pbs_show_view;
-/* As the options have it. */
-pbs_show_view pbs_show_first_view(const pbs_show *show);
 
 /* Loads all that the view needs, as far as the limits allow: what is drawn then does not depend on
  * how fast the disk is. */

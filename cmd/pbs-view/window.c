@@ -1,38 +1,12 @@
+/* window.c: the window's life: opening, what is drawn when, closing. Input is in input.c. */
 #include "cmd/pbs-view/window.h"
+#include "cmd/pbs-view/draw_text.h"
+#include "cmd/pbs-view/input.h"
 #include <dlfcn.h>
 #include <stdio.h>
-#define GLFW_INCLUDE_NONE
-#include <GLFW/glfw3.h>
+#include <unistd.h>
 
-/* clang-format off */
-#define GLFW_FUNCTIONS(F) \
-    F(Init) F(Terminate) F(GetError) F(WindowHint) F(CreateWindow) F(DestroyWindow) \
-    F(MakeContextCurrent) F(GetProcAddress) F(SwapBuffers) F(SwapInterval) F(WaitEventsTimeout) \
-    F(WindowShouldClose) F(SetWindowShouldClose) F(GetFramebufferSize) F(GetWindowSize) \
-    F(SetWindowTitle) F(SetCursorPosCallback) F(SetScrollCallback) F(SetKeyCallback) \
-    F(SetFramebufferSizeCallback) F(SetWindowRefreshCallback) F(GetMouseButton) F(GetKey)
-/* clang-format on */
-
-typedef struct glfw {
-#define MEMBER(name) __typeof__(&glfw##name) name;
-    GLFW_FUNCTIONS(MEMBER)
-#undef MEMBER
-} glfw;
-
-typedef struct window {
-    glfw f;
-    GLFWwindow *w;
-    pbs_gl gl;
-    pbs_show *show;
-    pbs_canvas *canvas;
-    pbs_camera camera;
-    const char *title;
-    double surfel_size, x, y; /* where the mouse was */
-    uint32_t width, height;   /* of the canvas */
-    bool stale;               /* the picture is not what the window shows */
-} window;
-
-static pbs_code load_glfw(glfw *f, pbs_err *err) {
+static pbs_code load_glfw(pbs_glfw *f, pbs_err *err) {
     void *lib = dlopen("libglfw.so.3", RTLD_NOW | RTLD_LOCAL);
     if (!lib)
         return pbs_fail(err, PBS_IO,
@@ -40,111 +14,73 @@ static pbs_code load_glfw(glfw *f, pbs_err *err) {
 #define LOAD(name)                                                                                 \
     *(void **)&f->name = dlsym(lib, "glfw" #name);                                                 \
     if (!f->name) return pbs_fail(err, PBS_IO, "GLFW is too old: no glfw" #name);
-    GLFW_FUNCTIONS(LOAD)
+    PBS_GLFW_FUNCTIONS(LOAD)
 #undef LOAD
     return PBS_OK;
 }
 
-static pbs_code glfw_error(const glfw *f, const char *what, pbs_err *err) {
+static pbs_code glfw_error(const pbs_glfw *f, const char *what, pbs_err *err) {
     const char *text = NULL;
     f->GetError(&text);
     return pbs_fail(err, PBS_IO, "%s: %s; --shot FILE needs no display", what,
                     text ? text : "failed");
 }
 
-/* ---- input: every change makes the picture stale ---- */
-
-/* GLFW's own pointer from a window to its user could only be asked for through the table that it
- * leads to. There is one window. */
-static window *the_window;
-
-static window *of(GLFWwindow *w) {
-    (void)w;
-    return the_window;
+/* Xlib would end the program with status 1, and cannot be talked out of ending it. */
+static int on_display_lost(void *display) {
+    static const char text[] = "pbs-view: the display was lost\n";
+    (void)display;
+    if (write(2, text, sizeof text - 1) < 0) _exit(PBS_INTERNAL);
+    _exit(PBS_IO);
 }
 
-static void on_move(GLFWwindow *w, double x, double y) {
-    window *s = of(w);
-    int width, height;
-    s->f.GetWindowSize(w, &width, &height);
-    double dx = (x - s->x) / (height > 0 ? height : 1), dy = (y - s->y) / (height > 0 ? height : 1);
-    s->x = x, s->y = y;
-    bool left = s->f.GetMouseButton(w, GLFW_MOUSE_BUTTON_LEFT) == GLFW_PRESS;
-    bool other = s->f.GetMouseButton(w, GLFW_MOUSE_BUTTON_RIGHT) == GLFW_PRESS ||
-                 s->f.GetMouseButton(w, GLFW_MOUSE_BUTTON_MIDDLE) == GLFW_PRESS;
-    bool shift = s->f.GetKey(w, GLFW_KEY_LEFT_SHIFT) == GLFW_PRESS;
-    if (other || (left && shift))
-        pbs_camera_pan(&s->camera, dx, dy);
-    else if (left)
-        pbs_camera_orbit(&s->camera, dx, dy);
-    s->stale = s->stale || left || other;
+static void watch_display(void) {
+    void *lib = dlopen("libX11.so.6", RTLD_NOW | RTLD_NOLOAD); /* GLFW's, if it uses X11 */
+    void *(*set)(int (*)(void *)) = NULL;
+    if (lib) *(void **)&set = dlsym(lib, "XSetIOErrorHandler");
+    if (set) set(on_display_lost);
 }
 
-static void on_scroll(GLFWwindow *w, double dx, double dy) {
-    window *s = of(w);
-    (void)dx;
-    pbs_camera_dolly(&s->camera, dy);
-    s->stale = true;
+/* A device that is reset tells it then, and goes on with calls that do nothing, instead of ending
+ * the program. Not every driver can. */
+static GLFWwindow *create(const pbs_window *s) {
+    const pbs_show_options *o = s->show->options;
+    s->f.WindowHint(GLFW_CONTEXT_VERSION_MAJOR, 4);
+    s->f.WindowHint(GLFW_CONTEXT_VERSION_MINOR, 5);
+    s->f.WindowHint(GLFW_OPENGL_PROFILE, GLFW_OPENGL_CORE_PROFILE);
+    s->f.WindowHint(GLFW_CONTEXT_ROBUSTNESS, GLFW_LOSE_CONTEXT_ON_RESET);
+    GLFWwindow *w = s->f.CreateWindow((int)o->width, (int)o->height, s->title, NULL, NULL);
+    if (w) return w;
+    s->f.WindowHint(GLFW_CONTEXT_ROBUSTNESS, GLFW_NO_ROBUSTNESS);
+    return s->f.CreateWindow((int)o->width, (int)o->height, s->title, NULL, NULL);
 }
 
-static void on_key(GLFWwindow *w, int key, int code, int action, int mods) {
-    window *s = of(w);
-    (void)code, (void)mods;
-    if (action == GLFW_RELEASE) return;
-    double size = s->surfel_size;
-    switch (key) {
-    case GLFW_KEY_ESCAPE:
-    case GLFW_KEY_Q:
-        s->f.SetWindowShouldClose(w, GLFW_TRUE);
-        break;
-    case GLFW_KEY_HOME:
-    case GLFW_KEY_R:
-        s->camera = s->show->camera;
-        break;
-    case GLFW_KEY_RIGHT_BRACKET:
-        s->surfel_size = size < 32 ? size * 1.25 : size;
-        break;
-    case GLFW_KEY_LEFT_BRACKET:
-        s->surfel_size = size > 0.5 ? size / 1.25 : size;
-        break;
-    case GLFW_KEY_LEFT:
-        pbs_camera_orbit(&s->camera, 0.02, 0);
-        break;
-    case GLFW_KEY_RIGHT:
-        pbs_camera_orbit(&s->camera, -0.02, 0);
-        break;
-    case GLFW_KEY_UP:
-        pbs_camera_orbit(&s->camera, 0, 0.02);
-        break;
-    case GLFW_KEY_DOWN:
-        pbs_camera_orbit(&s->camera, 0, -0.02);
-        break;
-    case GLFW_KEY_PAGE_UP:
-        pbs_camera_dolly(&s->camera, 1);
-        break;
-    case GLFW_KEY_PAGE_DOWN:
-        pbs_camera_dolly(&s->camera, -1);
-        break;
-    default:
-        return;
-    }
-    s->stale = true;
-}
-
-static void on_resize(GLFWwindow *w, int width, int height) {
-    (void)width, (void)height;
-    of(w)->stale = true;
-}
-static void on_refresh(GLFWwindow *w) {
-    of(w)->stale = true;
+static pbs_code open_window(pbs_window *s, pbs_err *err) {
+    if (!s->f.Init()) return glfw_error(&s->f, "no window", err);
+    watch_display();
+    s->w = create(s);
+    if (!s->w) return glfw_error(&s->f, "no window with OpenGL 4.5", err);
+    s->f.MakeContextCurrent(s->w);
+    s->f.SwapInterval(s->play->options->bench ? 0 : 1);
+    pbs_input_open_window(s);
+    pbs_code rc = pbs_gl_load(&s->gl, s->f.GetProcAddress, err);
+    if (rc) return rc;
+    pbs_count_open(&s->gl);
+    pbs_timer_open(&s->timer, &s->gl);
+    s->overlay.device = s->gl.device;
+    rc = pbs_text_new(s->show->run, &s->gl, &s->text, err);
+    if (!rc && s->play->options->bench)
+        rc = pbs_bench_open(s->show, s->play, &s->gl, s->bench, err);
+    return rc;
 }
 
 /* ---- drawing ---- */
 
-static pbs_code fit_canvas(window *s, pbs_err *err) {
+static pbs_code fit_canvas(pbs_window *s, pbs_err *err) {
     int width, height;
     s->f.GetFramebufferSize(s->w, &width, &height);
-    if (width < 1 || height < 1) return PBS_OK; /* minimised */
+    s->hidden = width < 1 || height < 1; /* minimised */
+    if (s->hidden) return PBS_OK;
     if (s->canvas && (uint32_t)width == s->width && (uint32_t)height == s->height) return PBS_OK;
     pbs_canvas_free(s->canvas);
     s->canvas = NULL;
@@ -154,60 +90,137 @@ static pbs_code fit_canvas(window *s, pbs_err *err) {
     return pbs_canvas_new(s->show->run, &s->gl, &d, &s->canvas, err);
 }
 
-static pbs_code draw(window *s, pbs_err *err) {
-    char text[300];
+static pbs_code draw_overlay(pbs_window *s, const pbs_show_view *v, pbs_err *err) {
+    char lines[PBS_OVERLAY_TEXT];
+    int scale = s->height >= 1600 ? 3 : s->height >= 800 ? 2 : 1, width, height;
+    pbs_code rc = PBS_OK;
+    pbs_overlay_statistics(&s->overlay, s->show, v, lines);
+    if (lines[0]) rc = pbs_text_draw(s->text, s->canvas, lines, 4, 4, scale, err);
+    if (!s->overlay.help || rc) return rc;
+    pbs_overlay_keys(lines);
+    pbs_text_size(lines, &width, &height);
+    int x = ((int)s->width - width * scale) / 2, y = ((int)s->height - height * scale) / 2;
+    return pbs_text_draw(s->text, s->canvas, lines, x > 0 ? x : 0, y > 0 ? y : 0, scale, err);
+}
+
+static void set_title(const pbs_window *s) {
+    const pbs_show *show = s->show;
+    char text[1200];
+    snprintf(text, sizeof text,
+             "%s%s%s: %llu nodes, %llu surfels, %llu voxels, %llu triangles, surfel size %.2g px",
+             s->title, s->overlay.name[0] ? ": " : "", s->overlay.name,
+             (unsigned long long)show->drawn_nodes, (unsigned long long)show->drawn_surfels,
+             (unsigned long long)show->drawn_voxels, (unsigned long long)show->drawn_triangles,
+             s->play->control.size);
+    s->f.SetWindowTitle(s->w, text);
+}
+
+/* What the canvas shows now is named before anything else is drawn onto it. */
+static pbs_code answer_pick(pbs_window *s, const pbs_show_view *v, pbs_err *err) {
+    int width, height;
+    s->f.GetWindowSize(s->w, &width, &height);
+    double x = width > 0 ? s->pick_x * v->width / width : -1;
+    double y = height > 0 ? s->pick_y * v->height / height : -1;
+    s->pick = false;
+    pbs_code rc =
+        pbs_play_pick(s->show, s->canvas, v, x, y, s->overlay.name, sizeof s->overlay.name, err);
+    if (!rc && !s->overlay.name[0])
+        snprintf(s->overlay.name, sizeof s->overlay.name, "nothing there");
+    return rc;
+}
+
+/* While flying, what is in the middle of the picture becomes the target, so that the speed follows
+ * the distance to it, and turning is around it afterwards. */
+static pbs_code follow_depth(pbs_window *s, double now, pbs_err *err) {
+    double depth;
+    if (!s->overlay.flying || now < s->focus_at) return PBS_OK;
+    s->focus_at = now + 0.2;
+    pbs_code rc = pbs_canvas_depth(s->canvas, s->width / 2, s->height / 2, &depth, err);
+    if (!rc && depth > 0) pbs_camera_refocus(&s->camera, fmin(fmax(depth, 0.5), 2));
+    return rc;
+}
+
+/* Times of the device come late, and may be those of a size before. The controller bears it
+ * (tests/unit/test_play.c). */
+static void take_times(pbs_window *s, double cpu) {
+    double gpu, longest = 0;
+    while (pbs_timer_take(&s->timer, false, &gpu)) {
+        s->overlay.gpu = gpu;
+        longest = fmax(longest, gpu);
+    }
+    s->overlay.cpu = cpu;
+    if (longest > 0 && pbs_control_step(&s->play->control, fmax(longest, cpu))) s->stale = true;
+    if (longest == 0 && s->play->control.target > 0) s->stale = true; /* it is still to come */
+}
+
+static pbs_code draw_picture(pbs_window *s, const pbs_show_view *v, pbs_err *err) {
+    double from = pbs_clock_wall();
+    pbs_count_take();
+    pbs_timer_begin(&s->timer);
+    pbs_code rc = pbs_show_draw(s->show, s->canvas, v, err);
+    pbs_timer_end(&s->timer);
+    s->overlay.counts = pbs_count_take();
+    s->stale = s->show->unfinished;
+    take_times(s, pbs_clock_wall() - from);
+    if (!rc && s->pick) rc = answer_pick(s, v, err);
+    if (!rc) rc = follow_depth(s, from, err);
+    return rc ? rc : draw_overlay(s, v, err);
+}
+
+static pbs_code draw_bench(pbs_window *s, pbs_err *err) {
+    pbs_code rc = pbs_bench_frame(s->bench, s->canvas, s->width, s->height, err);
+    s->stale = true;
+    if (pbs_bench_is_done(s->bench)) s->f.SetWindowShouldClose(s->w, GLFW_TRUE);
+    return rc;
+}
+
+static pbs_code draw(pbs_window *s, pbs_err *err) {
     pbs_code rc = fit_canvas(s, err);
     s->stale = false;
-    if (rc || !s->canvas) return rc;
-    pbs_show_view v = {s->camera, s->width, s->height, s->surfel_size};
-    rc = pbs_show_draw(s->show, s->canvas, &v, err);
+    if (rc || s->hidden) return rc;
+    pbs_show_view v = pbs_play_view(s->play, &s->camera, s->width, s->height);
+    s->overlay.surfel_size = s->play->control.size;
+    s->overlay.target = s->play->control.target;
+    rc = s->play->options->bench ? draw_bench(s, err) : draw_picture(s, &v, err);
     if (!rc) rc = pbs_canvas_present(s->canvas, err);
+    if (!rc) rc = pbs_gl_lost(&s->gl, err);
     if (rc) return rc;
-    snprintf(text, sizeof text,
-             "%s: %llu nodes, %llu surfels, %llu voxels, %llu triangles, surfel size %.2g px",
-             s->title, (unsigned long long)s->show->drawn_nodes,
-             (unsigned long long)s->show->drawn_surfels, (unsigned long long)s->show->drawn_voxels,
-             (unsigned long long)s->show->drawn_triangles, s->surfel_size);
-    s->f.SetWindowTitle(s->w, text);
+    set_title(s);
     s->f.SwapBuffers(s->w);
     return PBS_OK;
 }
 
-static pbs_code open_window(window *s, pbs_err *err) {
-    const pbs_show_options *o = s->show->options;
-    if (!s->f.Init()) return glfw_error(&s->f, "no window", err);
-    s->f.WindowHint(GLFW_CONTEXT_VERSION_MAJOR, 4);
-    s->f.WindowHint(GLFW_CONTEXT_VERSION_MINOR, 5);
-    s->f.WindowHint(GLFW_OPENGL_PROFILE, GLFW_OPENGL_CORE_PROFILE);
-    s->w = s->f.CreateWindow((int)o->width, (int)o->height, s->title, NULL, NULL);
-    if (!s->w) return glfw_error(&s->f, "no window with OpenGL 4.5", err);
-    s->f.MakeContextCurrent(s->w);
-    s->f.SwapInterval(1);
-    s->f.SetCursorPosCallback(s->w, on_move);
-    s->f.SetScrollCallback(s->w, on_scroll);
-    s->f.SetKeyCallback(s->w, on_key);
-    s->f.SetFramebufferSizeCallback(s->w, on_resize);
-    s->f.SetWindowRefreshCallback(s->w, on_refresh);
-    return pbs_gl_load(&s->gl, s->f.GetProcAddress, err);
+static pbs_code live(pbs_window *s, pbs_err *err) {
+    pbs_code rc = PBS_OK;
+    while (!rc && !s->f.WindowShouldClose(s->w)) {
+        pbs_input_advance(s, pbs_clock_wall());
+        if (s->stale) rc = draw(s, err);
+        /* A signal wakes nobody: look from time to time. */
+        if (s->stale && !s->hidden)
+            s->f.PollEvents();
+        else
+            s->f.WaitEventsTimeout(0.2);
+        if (!rc) rc = pbs_run_check(s->show->run, err);
+    }
+    return rc;
 }
 
-pbs_code pbs_window_run(pbs_show *show, const char *title, pbs_err *err) {
-    window s = {.show = show,
-                .title = title,
-                .camera = show->camera,
-                .surfel_size = show->options->surfel_size,
-                .stale = true};
-    the_window = &s;
+pbs_code pbs_window_run(pbs_show *show, pbs_play *play, const char *title, pbs_err *err) {
+    pbs_bench bench = {0};
+    pbs_window s = {.show = show, .play = play, .title = title, .bench = &bench, .stale = true};
+    s.camera = pbs_play_camera(play, show, play->options->at);
+    s.overlay.statistics = play->options->overlay;
     pbs_code rc = load_glfw(&s.f, err);
     if (rc) return rc;
     rc = open_window(&s, err);
-    while (!rc && !s.f.WindowShouldClose(s.w)) {
-        if (s.stale || show->loading) rc = draw(&s, err);
-        if (!rc) s.f.WaitEventsTimeout(show->loading ? 0.01 : 0.2); /* SIGTERM wakes nobody */
-        if (!rc) rc = pbs_run_check(show->run, err);
-    }
+    if (!rc) rc = live(&s, err);
+    if (!rc && play->options->bench) rc = pbs_bench_write(&bench, err);
+    pbs_bench_close(&bench);
+    pbs_text_free(s.text);
+    pbs_timer_close(&s.timer);
     pbs_canvas_free(s.canvas);
+    /* GLFW itself stays until the program ends: terminated, it unloads the driver with what that
+     * has left lying about, and leak checkers can't tell any more whose it is. */
     if (s.w) s.f.DestroyWindow(s.w);
-    s.f.Terminate();
     return rc;
 }

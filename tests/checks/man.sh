@@ -12,4 +12,8 @@ for p in "$PBS_BUILD"/bin/pbs-*; do
     sed -nE 's/^\.It Fl ([a-z]) ,? ?Fl -([a-z-]+).*/-\1, --\2/p; s/^\.It Fl -([a-z-]+).*/--\1/p' "man/$name.1" | sort >"$TMPDIR/$name.man"
     diff "$TMPDIR/$name.help" "$TMPDIR/$name.man" >"$TMPDIR/$name.diff" || { echo "$name: --help (<) and man page (>) differ:"; cat "$TMPDIR/$name.diff"; bad=1; }
 done
+# The keys of the window, each with what it does in one line.
+"$PBS_BUILD/bin/pbs-view" --keys >"$TMPDIR/keys.help"
+sed -n '/^\.Ss The window/,/^\.El/p' man/pbs-view.1 | awk '/^\.It /{ sub(/^\.It (Ic )?/, ""); gsub(/ , /, ", "); gsub(/\\&/, ""); name = $0; getline; print name "\t" $0 }' >"$TMPDIR/keys.man"
+diff "$TMPDIR/keys.help" "$TMPDIR/keys.man" || { echo "the keys of the window: --keys (<) and pbs-view.1 (>) differ"; bad=1; }
 exit $bad

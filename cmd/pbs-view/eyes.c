@@ -1,0 +1,46 @@
+/* eyes.c: one eye or two, and what they see; see the header. */
+#include "cmd/pbs-view/eyes.h"
+#include "cmd/pbs-view/cut.h"
+
+void pbs_eyes_of(pbs_eyes *out, const pbs_camera *camera, uint32_t width, uint32_t height,
+                 double separation, const pbs_zones *zones, const double gaze[2]) {
+    bool two = separation > 0 && isfinite(separation) && width >= 2;
+    *out = (pbs_eyes){.count = two ? 2 : 1,
+                      .width = two ? width / 2 : width,
+                      .height = height ? height : 1,
+                      .zones = zones && zones->count ? zones : NULL};
+    out->aspect = (double)out->width / out->height;
+    for (int i = 0; i < out->count; i++) {
+        out->camera[i] = *camera;
+        out->left[i] = i * out->width;
+        if (two) pbs_camera_shift(&out->camera[i], i ? separation / 2 : -separation / 2);
+    }
+    if (out->zones)
+        pbs_zones_gaze(out->gaze, camera->tan_half * out->aspect, camera->tan_half, gaze[0],
+                       gaze[1]);
+}
+
+bool pbs_eyes_see(const pbs_eyes *e, const pbs_box *box, double padding, const double m[12]) {
+    for (int i = 0; i < e->count; i++)
+        if (pbs_cut_visible(&e->camera[i], e->aspect, box, padding, m)) return true;
+    return false;
+}
+
+double pbs_eyes_depth(const pbs_eyes *e, const pbs_box *box, const double m[12]) {
+    double depth = INFINITY;
+    for (int i = 0; i < e->count; i++)
+        depth = fmin(depth, pbs_cut_depth(&e->camera[i], e->aspect, box, m));
+    return depth;
+}
+
+double pbs_eyes_size(const pbs_eyes *e, double size, const pbs_box *box, const double m[12]) {
+    double least = INFINITY;
+    if (!e->zones) return size;
+    for (int i = 0; i < e->count; i++) {
+        double view[12];
+        pbs_camera_place(view, &e->camera[i], m);
+        double angle = pbs_zones_angle(e->gaze, box, view);
+        least = fmin(least, pbs_zones_factor(e->zones, angle));
+    }
+    return size * least;
+}
