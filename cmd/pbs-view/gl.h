@@ -38,6 +38,7 @@
     /* buffers */ \
     F(CreateBuffers) F(DeleteBuffers) F(BindBuffer) F(BindBufferBase) F(BindBufferRange) \
     F(NamedBufferStorage) F(NamedBufferData) F(NamedBufferSubData) F(GetNamedBufferSubData) \
+    F(GetNamedBufferParameteri64v) \
     F(MapNamedBuffer) F(MapNamedBufferRange) F(UnmapNamedBuffer) F(FlushMappedNamedBufferRange) \
     F(CopyNamedBufferSubData) F(ClearNamedBufferData) F(ClearNamedBufferSubData) \
     /* vertex arrays */ \
