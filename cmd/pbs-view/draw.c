@@ -111,6 +111,7 @@ void pbs_canvas_free(pbs_canvas *c) {
     const pbs_gl *gl = c->gl;
     pbs_mesh_painter_free(c);
     pbs_voxel_painter_free(c);
+    pbs_retained_free(c);
     free_target(gl, &c->draw);
     free_target(gl, &c->resolved);
     gl->DeleteProgram(c->disc);

@@ -49,11 +49,13 @@ struct pbs_canvas {
     size_t stream_at;
     mesh_painter mesh;
     voxel_painter voxel;
+    struct pbs_retained *retained; /* retained.c; NULL: nothing is */
 };
 
 void pbs_mesh_painter_init(pbs_canvas *c);
 void pbs_mesh_painter_free(pbs_canvas *c);
 void pbs_voxel_painter_free(pbs_canvas *c);
+void pbs_retained_free(pbs_canvas *c);
 
 /* Makes room for so many bytes in the stream buffer, without a restart between them. What was
  * drawn from it before keeps its own memory: the driver gives out a new one when the buffer starts

@@ -9,6 +9,9 @@
 
 static const char *const axes[] = {"x", "y", "z", NULL};
 
+static const char *const splats[] = {"off", "on", "afresh", "whole", NULL};
+static const char *const points[] = {"cut", "reduce", "periphery", NULL};
+
 static const pbs_option table[] = {
     {'s', "shot", PBS_TEXT, offsetof(pbs_show_options, shot), "FILE",
      "render one picture and exit; no display needed", 0, 0, NULL, false},
@@ -19,6 +22,10 @@ static const pbs_option table[] = {
     {0, "surfel-size", PBS_REAL, offsetof(pbs_show_options, surfel_size), "PX",
      "diameter of a surfel, side of a voxel that the camera needs (default 2)", 0.25, 64, NULL,
      false},
+    {0, "splat", PBS_CHOICE, offsetof(pbs_show_options, splat), "MODE",
+     "blend surfels under Gaussians: off, on, afresh or whole", 0, 0, splats, false},
+    {0, "points", PBS_CHOICE, offsetof(pbs_show_options, points), "MODE",
+     "which points of clouds are drawn: cut, reduce or periphery", 0, 0, points, false},
     {0, "width", PBS_COUNT, offsetof(pbs_show_options, width), "PX",
      "of the picture (default 1024)", 16, 16384, NULL, false},
     {0, "height", PBS_COUNT, offsetof(pbs_show_options, height), "PX",
@@ -78,6 +85,7 @@ static pbs_code work(pbs_app *app, void *opt, pbs_err *err) {
     if (!rc) {
         pbs_stat_count(app, "nodes", show.drawn_nodes);
         pbs_stat_count(app, "surfels", show.drawn_surfels);
+        if (o->splat && o->shot) pbs_stat_count(app, "visible", show.visible_surfels);
         pbs_stat_count(app, "voxels", show.drawn_voxels);
         pbs_stat_count(app, "triangles", show.drawn_triangles);
         if (o->geometry)

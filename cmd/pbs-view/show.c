@@ -1,5 +1,6 @@
 #include "cmd/pbs-view/show.h"
 #include "cmd/pbs-view/cut.h"
+#include "cmd/pbs-view/retained.h"
 #include "formats/dag.h"
 #include <string.h>
 
@@ -47,7 +48,8 @@ typedef struct cut {
     pbs_show *show;
     const pbs_show_view *view;
     double aspect;
-    size_t count, cubes;
+    size_t count, clouds, cubes;
+    double least; /* distance of points of the clouds that are as near as any */
     task *tasks, now;
     size_t task_count, task_cap;
 } cut;
@@ -108,11 +110,15 @@ static pbs_code add_surfels(cut *c, uint32_t id, const double m[12], bool *finer
     pbs_show *s = c->show;
     const pbs_archive *a = &s->archive;
     const pbs_node *n = &a->nodes[id];
-    if (!pbs_cut_visible(&c->view->camera, c->aspect, &n->box, n->covering, m)) return PBS_OK;
-    pbs_code rc = pbs_grow(s->run, &s->list, &s->list_cap, c->count + 1, sizeof *s->list,
-                           "the list of what is drawn", err);
+    bool reduce = s->options->points && n->flags & PBS_NODE_ADDS;
+    if (!reduce && !pbs_cut_visible(&c->view->camera, c->aspect, &n->box, n->covering, m))
+        return PBS_OK;
+    pbs_surfels **list = reduce ? &s->clouds : &s->list;
+    size_t *count = reduce ? &c->clouds : &c->count;
+    pbs_code rc = pbs_grow(s->run, list, reduce ? &s->clouds_cap : &s->list_cap, *count + 1,
+                           sizeof **list, "the list of what is drawn", err);
     if (rc) return rc;
-    pbs_surfels *d = &s->list[c->count++];
+    pbs_surfels *d = &(*list)[(*count)++];
     *d = (pbs_surfels){.records = a->records[id],
                        .stride = a->record.stride,
                        .channels = a->record.channels,
@@ -121,12 +127,16 @@ static pbs_code add_surfels(cut *c, uint32_t id, const double m[12], bool *finer
                        .step = n->lattice};
     for (int k = 0; k < 3; k++) d->corner[k] = n->origin[k] + n->lattice_min[k];
     memcpy(d->m, m, sizeof d->m);
-    if (n->flags & PBS_NODE_ADDS)
+    if (reduce) {
+        d->prefix = d->whole;
+        *finer = true;
+        if (n->covering > 0) c->least = fmin(c->least, n->covering);
+    } else if (n->flags & PBS_NODE_ADDS)
         choose_adding(c, n, m, d, finer);
     else
         choose(c, n, m, d);
     s->drawn_nodes++;
-    s->drawn_surfels += d->prefix;
+    if (!reduce) s->drawn_surfels += d->prefix;
     return PBS_OK;
 }
 
@@ -198,12 +208,46 @@ static pbs_code list_all(cut *c, pbs_err *err) {
     return rc;
 }
 
+/* Discs of the clouds' points are as large as those of the cut: four wanted spacings. */
+static pbs_code draw_clouds(pbs_show *s, pbs_canvas *canvas, const cut *c, pbs_err *err) {
+    const pbs_show_view *v = c->view;
+    pbs_reduce_options o = {.spacing =
+                                250 * v->surfel_size * pbs_camera_pixel(&v->camera, v->height),
+                            .size = 4,
+                            .smallest = isfinite(c->least) ? 2 * c->least : 0,
+                            .periphery = s->options->points == PBS_POINTS_PERIPHERY};
+    uint64_t kept = 0;
+    if (!c->clouds) return PBS_OK;
+    pbs_code rc = pbs_retained_points(canvas, s->clouds, c->clouds, &o, s->options->shot,
+                                      &s->unfinished, err);
+    if (!rc && s->options->shot) rc = pbs_retained_points_count(canvas, &kept, err);
+    s->drawn_surfels += kept;
+    return rc;
+}
+
+static pbs_code draw_surfels(pbs_show *s, pbs_canvas *canvas, size_t count, pbs_err *err) {
+    const int splat = s->options->splat;
+    const pbs_splat_options o = {.whole = splat == PBS_SPLAT_WHOLE,
+                                 .afresh = splat == PBS_SPLAT_AFRESH};
+    pbs_splat_counts counts = {0};
+    if (!splat) return pbs_canvas_surfels(canvas, s->list, count, err);
+    pbs_code rc = pbs_retained_splat(canvas, s->list, count, &o, err);
+    if (!rc && s->options->shot) rc = pbs_retained_splat_count(canvas, &counts, err);
+    s->visible_surfels = counts.visible + counts.plain;
+    return rc;
+}
+
 static pbs_code draw_archive(pbs_show *s, pbs_canvas *canvas, const pbs_show_view *view,
                              pbs_err *err) {
-    cut c = {.show = s, .view = view, .aspect = (double)view->width / (double)view->height};
+    cut c = {.show = s,
+             .view = view,
+             .aspect = (double)view->width / (double)view->height,
+             .least = INFINITY};
+    s->unfinished = false;
     pbs_code rc = list_all(&c, err);
-    if (!rc) rc = pbs_canvas_surfels(canvas, s->list, c.count, err);
-    return rc ? rc : pbs_canvas_voxels(canvas, s->cubes, c.cubes, err);
+    if (!rc) rc = pbs_canvas_voxels(canvas, s->cubes, c.cubes, err);
+    if (!rc) rc = draw_clouds(s, canvas, &c, err);
+    return rc ? rc : draw_surfels(s, canvas, c.count, err);
 }
 
 static pbs_code draw_scene(pbs_show *s, pbs_canvas *canvas, pbs_err *err) {
@@ -222,6 +266,7 @@ pbs_show_view pbs_show_first_view(const pbs_show *s) {
 pbs_code pbs_show_draw(pbs_show *s, pbs_canvas *canvas, const pbs_show_view *view, pbs_err *err) {
     pbs_frame frame = {.camera = view->camera};
     s->drawn_nodes = s->drawn_surfels = s->drawn_voxels = s->drawn_triangles = 0;
+    s->visible_surfels = 0;
     pbs_code rc = pbs_canvas_begin(canvas, &frame, err);
     if (rc) return rc;
     return s->options->geometry ? draw_scene(s, canvas, err) : draw_archive(s, canvas, view, err);
@@ -232,6 +277,7 @@ void pbs_show_close(pbs_show *s) {
     pbs_images_free(run, s->images, s->scene.texture_count);
     pbs_free(run, s->flat.draws);
     pbs_free(run, s->list);
+    pbs_free(run, s->clouds);
     pbs_free(run, s->cubes);
     if (s->scene.run) pbs_scene_close(&s->scene);
     if (s->archive.run) pbs_archive_close(&s->archive);

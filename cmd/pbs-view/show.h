@@ -7,11 +7,17 @@
 #include "formats/archive.h"
 #include "formats/scene.h"
 
+/* --splat, --points */
+enum { PBS_SPLAT_OFF, PBS_SPLAT_ON, PBS_SPLAT_AFRESH, PBS_SPLAT_WHOLE };
+enum { PBS_POINTS_CUT, PBS_POINTS_REDUCE, PBS_POINTS_PERIPHERY };
+
 typedef struct pbs_show_options {
     const char *shot, *camera, *device;
     uint64_t prefix, width, height, samples;
     double surfel_size;
-    int up; /* 0, 1, 2: x, y, z */
+    int up;     /* 0, 1, 2: x, y, z */
+    int splat;  /* PBS_SPLAT_OFF, ... */
+    int points; /* PBS_POINTS_CUT, ... */
     bool geometry, ignore_missing;
 } pbs_show_options;
 
@@ -26,9 +32,11 @@ typedef struct pbs_show {
     pbs_image *images;
     /* of the last draw */
     uint64_t drawn_nodes, drawn_surfels, drawn_voxels, drawn_triangles;
-    pbs_surfels *list;
+    uint64_t visible_surfels; /* with --splat and --shot */
+    bool unfinished;          /* draw again: the points are those of an earlier camera */
+    pbs_surfels *list, *clouds;
     pbs_cubes *cubes;
-    size_t list_cap, cubes_cap;
+    size_t list_cap, clouds_cap, cubes_cap;
 } pbs_show;
 
 /* options are borrowed until close. */

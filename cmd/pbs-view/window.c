@@ -163,6 +163,7 @@ static pbs_code draw(window *s, pbs_err *err) {
     rc = pbs_show_draw(s->show, s->canvas, &v, err);
     if (!rc) rc = pbs_canvas_present(s->canvas, err);
     if (rc) return rc;
+    s->stale = s->show->unfinished;
     snprintf(text, sizeof text,
              "%s: %llu nodes, %llu surfels, %llu voxels, %llu triangles, surfel size %.2g px",
              s->title, (unsigned long long)s->show->drawn_nodes,
