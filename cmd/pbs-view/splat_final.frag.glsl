@@ -10,16 +10,21 @@ void main() {
     ivec2 p = ivec2(gl_FragCoord.xy) + margin;
     vec4 sum = texelFetch(sums, p, 0);
     float depth = texelFetch(depths, p, 0).r, coverage = texelFetch(coverages, p, 0).r;
-    if (depth == 0.0 && sum.a == 0.0) discard;
-    // On a disc whose surfel has lost its pixel to another one, or just outside of all: as beside it.
     bool bare = sum.a == 0.0, outside = depth == 0.0;
-    if (bare || outside)
+    if (coverage < 1.0 || outside) {
+        // The ring around all discs; or, with discs around it, the place of one whose surfel has
+        // lost its pixel to another one.
+        int on = 0;
         for (int k = 0; k < 9; k++) {
             ivec2 q = p + ivec2(k % 3, k / 3) - 1;
+            float d = texelFetch(depths, q, 0).r;
+            on += int(d != 0.0);
+            if (outside) depth = max(depth, d);
             if (bare) sum += texelFetch(sums, q, 0);
-            if (outside) depth = max(depth, texelFetch(depths, q, 0).r);
         }
-    if (sum.a == 0.0) discard;
-    colour = vec4(sum.rgb / sum.a, bare ? 1.0 : coverage);
+        if (on >= 7) coverage = 1.0;
+    }
+    if (sum.a == 0.0 || coverage == 0.0) discard;
+    colour = vec4(sum.rgb / sum.a, coverage);
     gl_FragDepth = depth;
 }
