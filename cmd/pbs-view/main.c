@@ -10,7 +10,7 @@
 static const char *const axes[] = {"x", "y", "z", NULL};
 
 static const char *const splats[] = {"off", "on", "afresh", "whole", NULL};
-static const char *const points[] = {"cut", "reduce", "periphery", NULL};
+static const char *const points[] = {"cut", "reduce", "periphery", "cast", NULL};
 
 static const pbs_option table[] = {
     {'s', "shot", PBS_TEXT, offsetof(pbs_show_options, shot), "FILE",
@@ -25,7 +25,7 @@ static const pbs_option table[] = {
     {0, "splat", PBS_CHOICE, offsetof(pbs_show_options, splat), "MODE",
      "blend surfels under Gaussians: off, on, afresh or whole", 0, 0, splats, false},
     {0, "points", PBS_CHOICE, offsetof(pbs_show_options, points), "MODE",
-     "which points of clouds are drawn: cut, reduce or periphery", 0, 0, points, false},
+     "which points of clouds are drawn: cut, reduce, periphery or cast", 0, 0, points, false},
     {0, "width", PBS_COUNT, offsetof(pbs_show_options, width), "PX",
      "of the picture (default 1024)", 16, 16384, NULL, false},
     {0, "height", PBS_COUNT, offsetof(pbs_show_options, height), "PX",

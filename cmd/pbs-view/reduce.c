@@ -17,7 +17,7 @@ typedef struct slice {
 } slice;
 
 typedef struct command {
-    GLuint vertices, instances, first, base, taken, most;
+    GLuint vertices, instances, first, base, taken, most, groups[3];
 } command;
 
 /* A buffer of points and the camera of the pass that filled it. */
@@ -44,6 +44,10 @@ struct pbs_reduce {
     } * work; /* in the order in which they came */
     slice *sorted;
     size_t slice_count, slice_room, work_room, sorted_room;
+    /* pbs_reduce_cast; made when it is first called */
+    GLuint cast_program, light_program, pixels, numbers;
+    uint64_t pixel_room;
+    bool wide; /* 64-bit maxima */
 };
 
 static uint32_t seed_of(uint64_t key) {
@@ -71,7 +75,7 @@ static pbs_code build(pbs_reduce *r, pbs_err *err) {
                                  {PBS_GLSL_VERSION, shade_glsl, reduce_comp_glsl}};
     const pbs_gl_stage finish = {GL_COMPUTE_SHADER, {PBS_GLSL_VERSION, reduce_finish_comp_glsl}};
     const pbs_gl_stage draw[2] = {
-        {GL_VERTEX_SHADER, {PBS_GLSL_VERSION, shade_glsl, reduce_vert_glsl}},
+        {GL_VERTEX_SHADER, {PBS_GLSL_VERSION, shade_glsl, reduce_point_glsl, reduce_vert_glsl}},
         {GL_FRAGMENT_SHADER, {PBS_GLSL_VERSION, shade_glsl, disc_frag_glsl}},
     };
     float shares[256];
@@ -119,9 +123,12 @@ pbs_code pbs_reduce_new(pbs_run *run, const pbs_gl *gl, uint32_t most, pbs_reduc
 void pbs_reduce_free(pbs_reduce *r) {
     if (!r) return;
     const pbs_gl *gl = r->gl;
-    const GLuint buffers[6] = {r->out[0].points,  r->out[1].points, r->out[0].command,
-                               r->out[1].command, r->shares,        r->slice_buffer};
-    gl->DeleteBuffers(6, buffers);
+    const GLuint buffers[8] = {r->out[0].points,  r->out[1].points, r->out[0].command,
+                               r->out[1].command, r->shares,        r->slice_buffer,
+                               r->pixels,         r->numbers};
+    gl->DeleteBuffers(8, buffers);
+    gl->DeleteProgram(r->cast_program);
+    gl->DeleteProgram(r->light_program);
     gl->DeleteProgram(r->reduce_program);
     gl->DeleteProgram(r->finish_program);
     gl->DeleteProgram(r->draw_program);
@@ -138,7 +145,7 @@ void pbs_reduce_free(pbs_reduce *r) {
 
 static void begin_pass(pbs_reduce *r, const pbs_camera *camera, double aspect) {
     output *o = &r->out[r->filling];
-    const command c = {0, 1, 0, 0, 0, r->most};
+    const command c = {0, 1, 0, 0, 0, r->most, {0}};
     r->gl->NamedBufferSubData(o->command, 0, sizeof c, &c);
     o->camera = *camera;
     r->aspect = aspect;
@@ -297,13 +304,13 @@ pbs_code pbs_reduce_step(pbs_reduce *r, const pbs_camera *camera, double aspect,
 
 /* ---- what it has left ---- */
 
-pbs_code pbs_reduce_draw(pbs_reduce *r, pbs_canvas *c, const pbs_reduce_options *o, pbs_err *err) {
+/* What all programs that draw points are told. */
+static void use_points(const pbs_reduce *r, GLuint p, const pbs_canvas *c,
+                       const pbs_reduce_options *o) {
     const pbs_gl *gl = r->gl;
     const output *out = &r->out[!r->filling];
     const pbs_camera *v = &out->camera;
-    GLuint p = r->draw_program;
     double view[12], placed[12];
-    if (!r->drawable) return PBS_OK;
     /* From view coordinates of the pass to the world. */
     for (int k = 0; k < 3; k++) {
         placed[4 * k] = v->right[k] * v->unit;
@@ -322,11 +329,103 @@ pbs_code pbs_reduce_draw(pbs_reduce *r, pbs_canvas *c, const pbs_reduce_options 
     gl->Uniform1f(gl->GetUniformLocation(p, "floor_size"), (float)(o->smallest / c->camera.unit));
     gl->Uniform1f(gl->GetUniformLocation(p, "smallest"),
                   0.70710678f * (float)pbs_camera_pixel(&c->camera, c->height));
-    gl->Uniform1i(gl->GetUniformLocation(p, "samples"), c->samples);
-    gl->BindVertexArray(r->no_vertices);
+    gl->Uniform2ui(gl->GetUniformLocation(p, "extent"), c->width, c->height);
     gl->BindBufferBase(GL_SHADER_STORAGE_BUFFER, 0, out->points);
-    gl->BindBuffer(GL_DRAW_INDIRECT_BUFFER, out->command);
+    gl->BindVertexArray(r->no_vertices);
+}
+
+pbs_code pbs_reduce_draw(pbs_reduce *r, pbs_canvas *c, const pbs_reduce_options *o, pbs_err *err) {
+    const pbs_gl *gl = r->gl;
+    if (o->cast) return pbs_reduce_cast(r, c, o, err);
+    if (!r->drawable) return PBS_OK;
+    use_points(r, r->draw_program, c, o);
+    gl->Uniform1i(gl->GetUniformLocation(r->draw_program, "samples"), c->samples);
+    gl->BindBuffer(GL_DRAW_INDIRECT_BUFFER, r->out[!r->filling].command);
     gl->DrawArraysIndirect(GL_TRIANGLES, NULL);
+    return pbs_gl_check(gl, "points", err);
+}
+
+/* ---- without the rasteriser ---- */
+
+static bool has_extension(const pbs_gl *gl, const char *name) {
+    GLint n = 0;
+    gl->GetIntegerv(GL_NUM_EXTENSIONS, &n);
+    for (GLint i = 0; i < n; i++)
+        if (strcmp((const char *)gl->GetStringi(GL_EXTENSIONS, (GLuint)i), name) == 0) return true;
+    return false;
+}
+
+#define CAST_WIDE                                                                                  \
+    PBS_GLSL_VERSION "#extension GL_ARB_gpu_shader_int64 : require\n"                              \
+                     "#extension GL_NV_shader_atomic_int64 : require\n"                            \
+                     "#define WIDE\n"
+#define LIGHT_WIDE PBS_GLSL_VERSION "#define WIDE\n"
+
+static pbs_code build_cast(pbs_reduce *r, bool wide, pbs_err *err) {
+    const pbs_gl_stage cast = {
+        GL_COMPUTE_SHADER,
+        {wide ? CAST_WIDE : PBS_GLSL_VERSION, shade_glsl, reduce_point_glsl, cast_comp_glsl}};
+    const pbs_gl_stage light[2] = {
+        {GL_VERTEX_SHADER, {PBS_GLSL_VERSION, splat_final_vert_glsl}},
+        {GL_FRAGMENT_SHADER,
+         {wide ? LIGHT_WIDE : PBS_GLSL_VERSION, shade_glsl, reduce_point_glsl, cast_frag_glsl}},
+    };
+    pbs_code rc = pbs_gl_program(r->gl, "cast", &cast, 1, &r->cast_program, err);
+    return rc ? rc : pbs_gl_program(r->gl, "cast light", light, 2, &r->light_program, err);
+}
+
+/* With 64-bit maxima if the device has them and its compiler takes the shader. */
+static pbs_code choose_cast(pbs_reduce *r, pbs_err *err) {
+    if (r->light_program) return PBS_OK;
+    r->wide = has_extension(r->gl, "GL_NV_shader_atomic_int64") &&
+              has_extension(r->gl, "GL_ARB_gpu_shader_int64");
+    if (r->wide && build_cast(r, true, err) == PBS_OK) return PBS_OK;
+    r->wide = false;
+    r->gl->DeleteProgram(r->cast_program);
+    return build_cast(r, false, err);
+}
+
+/* A number, or a depth and a number, of every pixel; cleared. */
+static pbs_code clear_pixels(pbs_reduce *r, const pbs_canvas *c, pbs_err *err) {
+    const pbs_gl *gl = r->gl;
+    uint64_t bytes = 4 * (uint64_t)c->width * c->height, wide = r->wide ? 2 : 1;
+    if (bytes > r->pixel_room) {
+        if ((int64_t)(wide * bytes) > gl->max_storage)
+            return pbs_fail(err, PBS_LIMIT, "points on %u x %u pixels: too many for %s", c->width,
+                            c->height, gl->device);
+        pbs_code rc = pbs_mem_take(r->run, 2 * (size_t)(bytes - r->pixel_room), "the points", err);
+        if (rc) return rc;
+        r->counted += 2 * (size_t)(bytes - r->pixel_room);
+        r->pixel_room = bytes;
+        if (!r->pixels) gl->CreateBuffers(1, &r->pixels);
+        if (!r->numbers) gl->CreateBuffers(1, &r->numbers);
+        gl->NamedBufferData(r->pixels, (GLsizeiptr)(wide * bytes), NULL, GL_DYNAMIC_COPY);
+        gl->NamedBufferData(r->numbers, r->wide ? 4 : (GLsizeiptr)bytes, NULL, GL_DYNAMIC_COPY);
+    }
+    gl->ClearNamedBufferData(r->pixels, GL_R32UI, GL_RED_INTEGER, GL_UNSIGNED_INT, NULL);
+    gl->ClearNamedBufferData(r->numbers, GL_R32UI, GL_RED_INTEGER, GL_UNSIGNED_INT, NULL);
+    return PBS_OK;
+}
+
+pbs_code pbs_reduce_cast(pbs_reduce *r, pbs_canvas *c, const pbs_reduce_options *o, pbs_err *err) {
+    const pbs_gl *gl = r->gl;
+    const output *out = &r->out[!r->filling];
+    if (!r->drawable) return PBS_OK;
+    pbs_code rc = choose_cast(r, err);
+    if (!rc) rc = clear_pixels(r, c, err);
+    if (rc) return rc;
+    use_points(r, r->cast_program, c, o);
+    gl->BindBufferBase(GL_SHADER_STORAGE_BUFFER, 1, r->pixels);
+    gl->BindBufferBase(GL_SHADER_STORAGE_BUFFER, 2, r->numbers);
+    gl->BindBufferBase(GL_SHADER_STORAGE_BUFFER, 3, out->command);
+    gl->BindBuffer(GL_DISPATCH_INDIRECT_BUFFER, out->command);
+    for (int run = 0; run < (r->wide ? 1 : 2); run++) {
+        gl->Uniform1i(gl->GetUniformLocation(r->cast_program, "second"), run);
+        gl->DispatchComputeIndirect((GLintptr)offsetof(command, groups));
+        gl->MemoryBarrier(GL_SHADER_STORAGE_BARRIER_BIT);
+    }
+    use_points(r, r->light_program, c, o);
+    gl->DrawArrays(GL_TRIANGLES, 0, 3);
     return pbs_gl_check(gl, "points", err);
 }
 

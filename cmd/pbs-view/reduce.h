@@ -28,6 +28,7 @@ typedef struct pbs_reduce_options {
                         share of their own; 0: 0.8 */
     double size;     /* diameter in wanted spacings; 0: 1 */
     double smallest; /* least diameter, world units: how far apart the scanner's points are */
+    bool cast;       /* pbs_reduce_draw does what pbs_reduce_cast does */
     uint64_t step;   /* records that a step looks at; 0: 16777216 */
 } pbs_reduce_options;
 
@@ -39,7 +40,7 @@ void pbs_reduce_free(pbs_reduce *r); /* NULL is fine */
 
 /* Goes on with the pass, or begins the next one with this camera. In one pass every node is looked
  * at once, in the call in which there is room for it, with the record and the place it has there;
- * nodes that come while it runs are part of it if their turn has not passed. *whole: the pass is
+ * nodes that come while it runs are part of it, too. *whole: the pass is
  * done, and drawn from now on. Records without a spacing, which are at the place of others, are
  * never taken. Errors: PBS_LIMIT, PBS_INTERNAL. */
 pbs_code pbs_reduce_step(pbs_reduce *r, const pbs_camera *camera, double aspect,
@@ -49,6 +50,12 @@ pbs_code pbs_reduce_step(pbs_reduce *r, const pbs_camera *camera, double aspect,
 /* Nothing before the first whole pass. Points without normals face the eye; materials and emission
  * are not shown. Errors: PBS_INTERNAL. */
 pbs_code pbs_reduce_draw(pbs_reduce *r, pbs_canvas *canvas, const pbs_reduce_options *options,
+                         pbs_err *err);
+
+/* The same without the rasteriser: a compute pass goes through the pixels under each point and
+ * keeps the nearest, with 64-bit atomics where the device has them, else in two runs. One sample a
+ * pixel, and all points face the eye. Errors: PBS_LIMIT, PBS_INTERNAL. */
+pbs_code pbs_reduce_cast(pbs_reduce *r, pbs_canvas *canvas, const pbs_reduce_options *options,
                          pbs_err *err);
 
 /* A point of the last whole pass, in the view coordinates of its camera. */

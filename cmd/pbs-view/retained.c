@@ -23,10 +23,12 @@ void pbs_retained_free(pbs_canvas *c) {
     c->retained = NULL;
 }
 
-static uint64_t key_of(const pbs_surfels *node) {
-    uint64_t word, h = (uintptr_t)node->records * 0x9e3779b97f4a7c15u;
+/* By where its records lie on the device, which does not change from run to run, and its transform.
+ */
+static uint64_t key_of(const pbs_resident *r) {
+    uint64_t word, h = (r->offset ^ (uint64_t)r->buffer << 40) * 0x9e3779b97f4a7c15u;
     for (int i = 0; i < 12; i++) {
-        memcpy(&word, &node->m[i], sizeof word);
+        memcpy(&word, &r->m[i], sizeof word);
         h = (h ^ h >> 31 ^ word) * 0xbf58476d1ce4e5b9u;
     }
     return h ^ h >> 29;
@@ -45,8 +47,10 @@ static pbs_code retain(pbs_canvas *c, const pbs_surfels *nodes, size_t count, pb
     if (!rc)
         rc = pbs_grow(c->run, &r->list, &r->list_room, count, sizeof *r->list,
                       "the list of what is drawn", err);
-    for (size_t i = 0; i < count && !rc; i++)
-        rc = pbs_residents_add(r->pool, &nodes[i], key_of(&nodes[i]), &r->list[i], err);
+    for (size_t i = 0; i < count && !rc; i++) {
+        rc = pbs_residents_add(r->pool, &nodes[i], 0, &r->list[i], err);
+        r->list[i].key = key_of(&r->list[i]);
+    }
     return rc;
 }
 

@@ -215,7 +215,8 @@ static pbs_code draw_clouds(pbs_show *s, pbs_canvas *canvas, const cut *c, pbs_e
                                 250 * v->surfel_size * pbs_camera_pixel(&v->camera, v->height),
                             .size = 4,
                             .smallest = isfinite(c->least) ? 2 * c->least : 0,
-                            .periphery = s->options->points == PBS_POINTS_PERIPHERY};
+                            .periphery = s->options->points == PBS_POINTS_PERIPHERY,
+                            .cast = s->options->points == PBS_POINTS_CAST};
     uint64_t kept = 0;
     if (!c->clouds) return PBS_OK;
     pbs_code rc = pbs_retained_points(canvas, s->clouds, c->clouds, &o, s->options->shot,

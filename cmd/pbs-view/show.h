@@ -9,7 +9,7 @@
 
 /* --splat, --points */
 enum { PBS_SPLAT_OFF, PBS_SPLAT_ON, PBS_SPLAT_AFRESH, PBS_SPLAT_WHOLE };
-enum { PBS_POINTS_CUT, PBS_POINTS_REDUCE, PBS_POINTS_PERIPHERY };
+enum { PBS_POINTS_CUT, PBS_POINTS_REDUCE, PBS_POINTS_PERIPHERY, PBS_POINTS_CAST };
 
 typedef struct pbs_show_options {
     const char *shot, *camera, *device;

@@ -7,7 +7,8 @@
 #include "cmd/pbs-view/splat.h"
 
 enum {
-    PBS_SPLAT_MARGIN = 8, /* pixels around the picture: centres outside of it whose discs are not */
+    PBS_SPLAT_MARGIN =
+        16, /* pixels around the picture: centres outside of it whose discs are not */
     PBS_SPLAT_LARGE = 1 << 20, /* surfels of an object, by scheme */
     PBS_SPLAT_SMALL = 1 << 17,
     PBS_SPLAT_LARGES =

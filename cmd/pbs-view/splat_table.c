@@ -38,8 +38,11 @@ static pbs_code slot_of(pbs_splat *s, splat_frame *f, GLuint buffer, uint32_t *o
  * may be seen. */
 static bool too_large(const pbs_canvas *c, const splat_entry *e) {
     double longest = 0, nearest = INFINITY;
-    for (int i = 0; i < 3; i++)
-        for (int k = 0; k < 3; k++) longest += (double)e->disc[i][k] * e->disc[i][k];
+    for (int k = 0; k < 3; k++) {
+        double square = 0;
+        for (int i = 0; i < 3; i++) square += (double)e->disc[i][k] * e->disc[i][k];
+        longest = fmax(longest, square);
+    }
     for (int corner = 0; corner < 8; corner++) {
         double z = e->to_view[2][3];
         for (int k = 0; k < 3; k++) z += corner >> k & 1 ? 65535.0 * e->to_view[2][k] : 0;

@@ -157,7 +157,7 @@ static void reduce_row(pbs_canvas *canvas, const pbs_resident *nodes, size_t cou
                        double spacing, double copy) {
     pbs_reduce *r;
     pbs_reduce_options o = {.spacing = spacing, .size = 4, .step = UINT32_MAX};
-    double best = INFINITY, drawn = INFINITY;
+    double best = INFINITY, drawn = INFINITY, cast = INFINITY;
     uint64_t kept, lost;
     need(pbs_reduce_new(&run, &gl, 0, &r, &err));
     for (int i = 0; i < FRAMES; i++) {
@@ -173,13 +173,18 @@ static void reduce_row(pbs_canvas *canvas, const pbs_resident *nodes, size_t cou
         need(pbs_reduce_draw(r, canvas, &o, &err));
         gl.Finish();
         drawn = fmin(drawn, now_ms() - t);
+        t = now_ms();
+        need(pbs_canvas_begin(canvas, &f, &err));
+        need(pbs_reduce_cast(r, canvas, &o, &err));
+        gl.Finish();
+        cast = fmin(cast, now_ms() - t);
     }
     need(pbs_reduce_count(r, &kept, &lost, &err));
     double bytes = (double)points * STRIDE + (double)kept * sizeof(pbs_reduced);
-    printf("reduced to %8llu (lost %llu)  %8.2f ms  %8.4f Mpoints/ms  %7.2f GB/s, %4.0f %% of a "
-           "copy; drawn in %7.2f ms\n",
+    printf("reduced to %8llu (lost %llu)  %8.2f ms  %8.4f Mpoints/ms  %7.2f GB/s, %5.1f %% of a "
+           "copy; drawn in %7.2f ms, cast in %7.2f\n",
            (unsigned long long)kept, (unsigned long long)lost, best, 1e-6 * (double)points / best,
-           1e-6 * bytes / best, 1e-4 * bytes / best / copy, drawn);
+           1e-6 * bytes / best, 1e-4 * bytes / best / copy, drawn, cast);
     pbs_reduce_free(r);
 }
 

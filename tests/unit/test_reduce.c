@@ -284,6 +284,25 @@ TEST(like_discs_without_holes) {
     CHECK_NUM(e.ssim > 0.9, e.ssim);
     CHECK_NUM(e.hole < 0.001, e.hole);
     pbs_free(&run, b.rgba);
+    /* Without the rasteriser: an edge goes through the pixel, and all else is the same. */
+    pbs_canvas *plain;
+    expect(pbs_canvas_new(&run, &gl, &(pbs_canvas_desc){SIDE, SIDE, 1}, &plain, &err));
+    expect(pbs_canvas_begin(plain, &f, &err));
+    expect(pbs_reduce_draw(s.reduce, plain, &o, &err));
+    expect(pbs_canvas_end(plain, &b, &err));
+    pbs_image d;
+    for (int i = 0; i < 2; i++) {
+        expect(pbs_canvas_begin(plain, &f, &err));
+        expect(pbs_reduce_cast(s.reduce, plain, &o, &err));
+        expect(pbs_canvas_end(plain, &d, &err));
+        size_t differ = 0;
+        for (size_t p = 0; p < (size_t)4 * SIDE * SIDE; p++)
+            differ += abs(d.rgba[p] - b.rgba[p]) > 12;
+        CHECK_NUM(differ < SIDE * SIDE / 50, differ);
+        pbs_free(&run, d.rgba);
+    }
+    pbs_free(&run, b.rgba);
+    pbs_canvas_free(plain);
     /* Farther away, before the next pass, points shrink, and then there are none. */
     double last = 2;
     for (double away = 1; away < 2.4; away += 0.2) {

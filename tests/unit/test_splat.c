@@ -177,7 +177,7 @@ static bool project(const stage *s, const uint8_t *record, int32_t pixel[2], dou
  * front one hides. */
 TEST(visible_as_in_a_z_buffer) {
     if (no_gl()) SKIP(err.text);
-    enum { W = SIDE + 2 * 8 };
+    enum { MARGIN = 16, W = SIDE + 2 * MARGIN };
     static struct {
         double depth;
         int node, surfel;
@@ -194,7 +194,7 @@ TEST(visible_as_in_a_z_buffer) {
             int32_t at[2];
             double depth;
             bool sure = project(&s, store[n][i], at, &depth);
-            int p = (at[1] + 8) * W + at[0] + 8;
+            int p = (at[1] + MARGIN) * W + at[0] + MARGIN;
             /* The front square's discs reach a disc's radius farther than its surfels. */
             double u = (store[n][i][0] | store[n][i][1] << 8) / 32767.5 - 1;
             double v = (store[n][i][2] | store[n][i][3] << 8) / 32767.5 - 1;
@@ -229,7 +229,7 @@ TEST(visible_as_in_a_z_buffer) {
         const uint8_t *record = store[found[i].node][found[i].surfel];
         if (i) CHECK(by_place(&found[i - 1], &found[i]) < 0);
         if (!project(&s, record, at, &depth) || unsure[found[i].node][found[i].surfel]) continue;
-        int p = (at[1] + 8) * W + at[0] + 8;
+        int p = (at[1] + MARGIN) * W + at[0] + MARGIN;
         surplus += nearest[p].sure && depth > nearest[p].depth + 1e-6;
     }
     CHECK_NUM(expected > 2000, expected);
