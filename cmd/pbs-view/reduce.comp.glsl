@@ -25,6 +25,7 @@ uniform float wide, spacing, fall, least;
 uniform bool periphery, steps;
 
 shared uint mine, here;
+Slice now; // this work group's, read once
 
 float half_value(uint h) { // never infinite; see quant.h
     uint e = h >> 10u & 31u, m = h & 1023u;
@@ -46,13 +47,13 @@ float dot4(vec4 row, vec3 q) {
 }
 
 // Whether record i of the slice is wanted; c, s: its place and spacing.
-bool wanted(uint k, uint w, uint i, out vec3 c, out float s) {
+bool wanted(uint w, uint i, out vec3 c, out float s) {
     vec3 q = vec3(word[w] & 0xffffu, word[w] >> 16, word[w + 1u] & 0xffffu);
-    c = vec3(dot4(slice[k].to_view[0], q), dot4(slice[k].to_view[1], q),
-             dot4(slice[k].to_view[2], q));
+    c = vec3(dot4(now.to_view[0], q), dot4(now.to_view[1], q),
+             dot4(now.to_view[2], q));
     precise float d = -c.z, x = c.x * project.x, y = c.y * project.y, edge = wide * d;
-    precise float own = half_value(word[w + 1u] >> 16) * slice[k].unit.x;
-    if (!steps) own = own * share[number(i, uint(slice[k].field.w))];
+    precise float own = half_value(word[w + 1u] >> 16) * now.unit.x;
+    if (!steps) own = own * share[number(i, uint(now.field.w))];
     s = own;
     if (!(d >= project.z && abs(x) <= edge && abs(y) <= edge)) return false;
     precise float density = 1.0;
@@ -68,14 +69,14 @@ bool wanted(uint k, uint w, uint i, out vec3 c, out float s) {
     return own > 0.0 && reach * reach >= limit;
 }
 
-void put(uint k, uint w, vec3 c, float s, uint at) {
+void put(uint w, vec3 c, float s, uint at) {
     uint colour = 0xffffffffu, normal = 0x80008000u;
-    ivec4 field = slice[k].field;
+    ivec4 field = now.field;
     if (field.y >= 0) colour = word[w + uint(field.y)];
     if (field.x >= 0) {
         vec3 n = octahedral_normal(unpackSnorm2x16(word[w + uint(field.x)]));
-        n = vec3(dot(slice[k].normal[0].xyz, n), dot(slice[k].normal[1].xyz, n),
-                 dot(slice[k].normal[2].xyz, n));
+        n = vec3(dot(now.normal[0].xyz, n), dot(now.normal[1].xyz, n),
+                 dot(now.normal[2].xyz, n));
         n /= max(abs(n.x) + abs(n.y) + abs(n.z), 1e-30);
         if (n.z < 0.0)
             n.xy = (1.0 - abs(n.yx)) * mix(vec2(-1), vec2(1), greaterThanEqual(n.xy, vec2(0)));
@@ -91,8 +92,9 @@ void main() {
         if (uint(slice[mid].field.z) <= number_of_group) low = mid;
         else high = mid;
     }
-    uvec4 records = slice[low].records;
-    uint begin = (number_of_group - uint(slice[low].field.z)) * 1024u;
+    now = slice[low];
+    uvec4 records = now.records;
+    uint begin = (number_of_group - uint(now.field.z)) * 1024u;
     for (uint round = 0u; round < 8u; round++) {
         uint i = begin + round * 128u + gl_LocalInvocationID.x, at = 0u;
         vec3 c = vec3(0);
@@ -100,11 +102,11 @@ void main() {
         uint w = records.x + i * records.y;
         if (gl_LocalInvocationID.x == 0u) mine = 0u;
         barrier();
-        bool take = i < records.z && wanted(low, w, i + records.w, c, s);
+        bool take = i < records.z && wanted(w, i + records.w, c, s);
         if (take) at = atomicAdd(mine, 1u);
         barrier();
         if (gl_LocalInvocationID.x == 0u) here = mine == 0u ? 0u : atomicAdd(taken, mine);
         barrier();
-        if (take && here + at < most) put(low, w, c, s, here + at);
+        if (take && here + at < most) put(w, c, s, here + at);
     }
 }
