@@ -135,7 +135,8 @@ ifeq ($(call have,meshoptimizer.h,),yes)
 $(B)/tests/test_gltf_meshopt: LDLIBS += -lmeshoptimizer
 endif
 # The player's tests have its parts, but not its main.
-player_tests := test_view test_cut test_store test_draw test_draw_voxel test_path test_play test_canvas
+player_tests := test_view test_cut test_store test_draw test_draw_voxel test_path test_play test_canvas \
+    test_splat test_reduce
 $(player_tests:%=$(B)/tests/%): $(B)/tests/%: $(B)/obj/tests/unit/%.o \
     $(filter-out %/main.o,$(view)) $(B)/libformats.a $(B)/libcore.a
 	@mkdir -p $(@D)
@@ -150,6 +151,11 @@ $(B)/obj/tests/oracle/%.o: tests/oracle/%.cpp Makefile
 $(B)/tests/test_cgal: $(B)/obj/tests/oracle/test_cgal.o $(B)/libcore.a
 	@mkdir -p $(@D)
 	$(CXX) $(ALLLDFLAGS) -o $@ $^ $(if $(filter mend,$(modules)),$(libs_mend)) $(LDLIBS)
+# So has the player's bench.
+$(B)/tests/bench_view: $(B)/obj/tests/bench/bench_view.o $(filter-out %/main.o,$(view)) \
+    $(B)/libformats.a $(B)/libcore.a
+	@mkdir -p $(@D)
+	$(CC) $(ALLLDFLAGS) -o $@ $^ $(LDLIBS)
 $(B)/tests/bench_%: $(B)/obj/tests/bench/bench_%.o $(B)/obj/cmd/pbs-view/gl.o $(B)/libformats.a $(B)/libcore.a
 	@mkdir -p $(@D)
 	$(CC) $(ALLLDFLAGS) -o $@ $^ $(LDLIBS)

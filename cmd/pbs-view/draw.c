@@ -95,6 +95,7 @@ void pbs_canvas_free(pbs_canvas *c) {
     pbs_mesh_painter_free(c);
     pbs_voxel_painter_free(c);
     pbs_near_painter_free(c);
+    pbs_passes_free(c);
     free_target(gl, &c->draw);
     free_target(gl, &c->resolved);
     pbs_disc_painter_free(c);

@@ -83,6 +83,7 @@ struct pbs_canvas {
     GLuint palette;
     const pbs_material *palette_of; /* that it holds */
     uint64_t calls;                 /* draw calls since the last begin */
+    struct pbs_passes *passes;      /* passes.c; NULL: none so far */
 };
 
 void pbs_mesh_painter_init(pbs_canvas *c);
@@ -91,6 +92,7 @@ void pbs_disc_painter_free(pbs_canvas *c);
 void pbs_voxel_painter_free(pbs_canvas *c);
 void pbs_near_painter_free(pbs_canvas *c);
 void pbs_batch_free(pbs_canvas *c);
+void pbs_passes_free(pbs_canvas *c);
 
 /* Room for so many cleared blocks in the host's memory: c->batch.blocks. */
 pbs_code pbs_batch_begin(pbs_canvas *c, size_t nodes, pbs_err *err);

@@ -37,7 +37,8 @@
     F(DispatchComputeIndirect) \
     /* buffers */ \
     F(CreateBuffers) F(DeleteBuffers) F(BindBuffer) F(BindBufferBase) F(BindBufferRange) \
-    F(NamedBufferStorage) F(NamedBufferData) F(NamedBufferSubData) F(GetNamedBufferSubData) F(GetNamedBufferParameteri64v) \
+    F(NamedBufferStorage) F(NamedBufferData) F(NamedBufferSubData) F(GetNamedBufferSubData) \
+    F(GetNamedBufferParameteri64v) \
     F(MapNamedBuffer) F(MapNamedBufferRange) F(UnmapNamedBuffer) F(FlushMappedNamedBufferRange) \
     F(CopyNamedBufferSubData) F(ClearNamedBufferData) F(ClearNamedBufferSubData) \
     /* vertex arrays */ \

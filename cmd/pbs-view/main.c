@@ -18,6 +18,9 @@ typedef struct options {
 
 static const char *const axes[] = {"x", "y", "z", NULL};
 
+static const char *const splats[] = {"off", "on", "afresh", "whole", NULL};
+static const char *const points[] = {"cut", "reduce", "periphery", "cast", NULL};
+
 static const pbs_option table[] = {
     {'s', "shot", PBS_TEXT, offsetof(options, show.shot), "FILE",
      "render one picture and exit; no display needed", 0, 0, NULL, false},
@@ -28,6 +31,10 @@ static const pbs_option table[] = {
     {0, "surfel-size", PBS_REAL, offsetof(options, show.surfel_size), "PX",
      "diameter of a surfel, side of a voxel that the camera needs (default 2)", 0.25, 64, NULL,
      false},
+    {0, "splat", PBS_CHOICE, offsetof(options, show.splat), "MODE",
+     "blend surfels under Gaussians: off, on, afresh or whole", 0, 0, splats, false},
+    {0, "points", PBS_CHOICE, offsetof(options, show.points), "MODE",
+     "which points of clouds are drawn: cut, reduce, periphery or cast", 0, 0, points, false},
     {0, "formula", PBS_FLAG, offsetof(options, show.formula), NULL,
      "length of the prefix by the paper's estimate, not by the spacings", 0, 0, NULL, false},
     {0, "per-point", PBS_FLAG, offsetof(options, show.per_point), NULL,
@@ -229,6 +236,7 @@ static pbs_code work(pbs_app *app, void *opt, pbs_err *err) {
     if (!rc) {
         pbs_stat_count(app, "nodes", show.drawn_nodes);
         pbs_stat_count(app, "surfels", show.drawn_surfels);
+        if (o->show.splat && o->show.shot) pbs_stat_count(app, "visible", show.visible_surfels);
         pbs_stat_count(app, "voxels", show.drawn_voxels);
         pbs_stat_count(app, "triangles", show.drawn_triangles);
         pbs_stat_count(app, "draw_calls", show.draw_calls);

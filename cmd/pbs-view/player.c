@@ -58,6 +58,7 @@ void pbs_player_free(pbs_player *p) {
     pbs_source_free(&p->source);
     pbs_mem_give(run, (size_t)p->counted);
     pbs_free(run, p->surfels);
+    pbs_free(run, p->residents);
     pbs_free(run, p->cubes);
     pbs_free(run, p->near);
     *p = (pbs_player){0};
@@ -182,37 +183,6 @@ static pbs_code draw_near(pbs_player *p, pbs_canvas *canvas, pbs_err *err) {
     return pbs_canvas_triangles(canvas, p->near, n, &palette, err);
 }
 
-static pbs_code draw_surfels(pbs_player *p, pbs_canvas *canvas, const pbs_cut_view *view,
-                             pbs_err *err) {
-    const pbs_archive *a = p->archive;
-    const pbs_cut_frame *f = &p->frame;
-    size_t first = f->first[PBS_CUT_SURFELS], n = f->first[PBS_CUT_SURFELS + 1] - first;
-    pbs_code rc = pbs_grow(p->run, &p->surfels, &p->surfel_cap, n, sizeof *p->surfels,
-                           "the list of what is drawn", err);
-    for (size_t i = 0; i < n && !rc; i++) {
-        const pbs_cut_draw *d = &f->draws[first + i];
-        const pbs_node *node = &a->nodes[d->node];
-        pbs_region r = pbs_store_where(p->store, PBS_ITEM_OWN(d->node));
-        uint64_t octaves = pbs_source_octaves(&p->source, d->node);
-        bool per_point = p->desc.per_point && !view->prefix && !(node->flags & PBS_NODE_ADDS);
-        pbs_surfels *out = &p->surfels[i];
-        *out = (pbs_surfels){.buffer = r.buffer,
-                             .at = r.at,
-                             .octave = octaves ? r.at + octaves : 0,
-                             .stride = a->record.stride,
-                             .channels = a->record.channels,
-                             .prefix = d->prefix,
-                             .whole = (uint32_t)node->records,
-                             .radius = d->radius,
-                             .step = node->lattice,
-                             .size = per_point ? view->size : 0,
-                             .slack = p->source.profile[d->node]->slack};
-        for (int k = 0; k < 3; k++) out->corner[k] = node->origin[k] + node->lattice_min[k];
-        memcpy(out->m, d->m, sizeof out->m);
-    }
-    return rc ? rc : pbs_canvas_surfels(canvas, p->surfels, n, err);
-}
-
 static void describe_voxels(const pbs_player *p, const pbs_cut_draw *d, pbs_cubes *out) {
     const pbs_source *s = &p->source;
     const pbs_node *node = &p->archive->nodes[d->node];
@@ -255,10 +225,10 @@ static pbs_code draw_voxels(pbs_player *p, pbs_canvas *canvas, pbs_cut_kind kind
 
 pbs_code pbs_player_draw(pbs_player *p, pbs_canvas *canvas, const pbs_cut_view *view,
                          pbs_err *err) {
-    p->voxels = p->triangles = 0;
+    p->voxels = p->triangles = p->replaced = p->points = p->visible = 0;
     pbs_code rc = draw_near(p, canvas, err);
     if (!rc) rc = draw_voxels(p, canvas, PBS_CUT_VOXELS, view->occlusion, err);
-    if (!rc) rc = draw_surfels(p, canvas, view, err);
+    if (!rc) rc = pbs_player_surfels(p, canvas, view, err);
     if (!rc && view->occlusion) rc = draw_voxels(p, canvas, PBS_CUT_PROBE, true, err);
     p->calls = pbs_canvas_calls(canvas);
     return rc;

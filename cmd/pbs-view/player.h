@@ -4,13 +4,21 @@
 #define PBS_PLAYER_H
 
 #include "cmd/pbs-view/draw.h"
+#include "cmd/pbs-view/passes.h"
 #include "cmd/pbs-view/source.h"
+
+/* How surfels are drawn (splat.h), and points of clouds (reduce.h). */
+enum { PBS_SPLAT_OFF, PBS_SPLAT_ON, PBS_SPLAT_AFRESH, PBS_SPLAT_WHOLE };
+enum { PBS_POINTS_CUT, PBS_POINTS_REDUCE, PBS_POINTS_PERIPHERY, PBS_POINTS_CAST };
 
 typedef struct pbs_player_desc {
     uint64_t gpu;    /* bytes of the GPU's memory; 0: 1 GiB. Of a software renderer, whose memory is
                         the host's, at most half of what -m leaves */
     uint64_t upload; /* bytes a frame; 0: 16 MiB */
-    bool per_point;  /* every surfel decides with its own distance whether it is wanted */
+    int splat;       /* PBS_SPLAT_OFF, ... */
+    int points;      /* PBS_POINTS_CUT, ... */
+    bool still; /* of one picture: points are those of its camera, and what is seen is counted */
+    bool per_point; /* every surfel decides with its own distance whether it is wanted */
 } pbs_player_desc;
 
 typedef struct pbs_player {
@@ -23,13 +31,16 @@ typedef struct pbs_player {
     const pbs_gl *gl; /* of the canvas of the first frame */
     uint64_t counted; /* bytes taken with pbs_mem_take */
     pbs_surfels *surfels;
+    pbs_resident *residents; /* of the surfels, or of the clouds, for those passes */
     pbs_cubes *cubes;
     pbs_placed_mesh *near;
-    size_t surfel_cap, cube_cap, near_cap;
+    size_t resident_cap, surfel_cap, cube_cap, near_cap;
     pbs_cut_frame frame; /* the last one */
     /* of the last frame */
     bool busy; /* another frame would show more: something is still to be loaded or uploaded */
     uint64_t voxels, triangles, calls;
+    uint64_t replaced;        /* points that the cut took and a pass decides on */
+    uint64_t points, visible; /* that a pass has kept; with `still` */
 } pbs_player;
 
 /* archive is borrowed until the free. */
@@ -48,6 +59,10 @@ pbs_code pbs_player_settle(pbs_player *p, pbs_canvas *canvas, const pbs_cut_view
 /* Draws what the last look found, onto a canvas that has begun; any number of times, for instance
  * for two eyes. */
 pbs_code pbs_player_draw(pbs_player *p, pbs_canvas *canvas, const pbs_cut_view *view, pbs_err *err);
+
+/* A part of it: discs, splats, and points of clouds. */
+pbs_code pbs_player_surfels(pbs_player *p, pbs_canvas *canvas, const pbs_cut_view *view,
+                            pbs_err *err);
 
 /* Of the GPU's memory and the loader; zeros before the first frame. */
 pbs_store_stats pbs_player_measure(const pbs_player *p);

@@ -16,7 +16,12 @@ static pbs_code open_scene(pbs_show *s, const char *path, pbs_err *err) {
 
 static pbs_code open_archive(pbs_show *s, const char *path, pbs_err *err) {
     const pbs_show_options *o = s->options;
-    pbs_player_desc d = {o->gpu_memory, o->upload, o->per_point};
+    pbs_player_desc d = {.gpu = o->gpu_memory,
+                         .upload = o->upload,
+                         .per_point = o->per_point,
+                         .splat = o->splat,
+                         .points = o->points,
+                         .still = o->shot};
     pbs_code rc = pbs_archive_open(s->run, path, &s->archive, err);
     if (rc) return rc;
     s->box = s->archive.nodes[s->archive.node_count - 1].box;
@@ -63,7 +68,8 @@ static void count(pbs_show *s) {
     const pbs_player *p = &s->player;
     pbs_store_stats stats = pbs_player_measure(p);
     s->drawn_nodes = p->frame.draw_count - p->frame.hidden;
-    s->drawn_surfels = p->frame.surfels;
+    s->drawn_surfels = p->frame.surfels - p->replaced + p->points;
+    s->visible_surfels = p->visible;
     s->drawn_voxels = p->voxels;
     s->drawn_triangles = p->triangles;
     s->draw_calls = p->calls;
@@ -100,6 +106,7 @@ pbs_code pbs_show_draw(pbs_show *s, pbs_canvas *canvas, const pbs_show_view *vie
     pbs_cut_view v = cut_view(s, view, &eyes);
     bool scene = s->options->geometry;
     s->drawn_nodes = s->drawn_surfels = s->drawn_voxels = s->drawn_triangles = 0;
+    s->visible_surfels = 0;
     pbs_code rc = pbs_canvas_begin(canvas, &frame, err);
     if (!rc && !scene) rc = pbs_player_look(&s->player, canvas, &v, err);
     for (int i = 0; i < eyes.count && !rc; i++) {

@@ -14,7 +14,9 @@ typedef struct pbs_show_options {
     double surfel_size;
     uint64_t gpu_memory, upload;
     bool formula, per_point, partial, no_occlusion;
-    int up; /* 0, 1, 2: x, y, z */
+    int up;     /* 0, 1, 2: x, y, z */
+    int splat;  /* PBS_SPLAT_OFF, ... */
+    int points; /* PBS_POINTS_CUT, ... */
     bool geometry, ignore_missing;
 } pbs_show_options;
 
@@ -30,9 +32,10 @@ typedef struct pbs_show {
     pbs_image *images;
     /* of the last draw */
     uint64_t drawn_nodes, drawn_surfels, drawn_voxels, drawn_triangles;
-    uint64_t draw_calls;     /* of what lies in the GPU's memory */
-    uint64_t uploaded_bytes; /* to the GPU, for this draw */
-    uint64_t resident_bytes; /* there */
+    uint64_t visible_surfels; /* with --splat and --shot */
+    uint64_t draw_calls;      /* of what lies in the GPU's memory */
+    uint64_t uploaded_bytes;  /* to the GPU, for this draw */
+    uint64_t resident_bytes;  /* there */
     uint64_t culled,
         hidden;       /* nodes outside of the picture, and drawn to see whether they are seen */
     uint64_t missing; /* nodes and meshes that are wanted and not there yet */

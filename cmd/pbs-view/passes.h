@@ -1,0 +1,21 @@
+/* passes.h: the painters that remember the last frame, splat.h and reduce.h, as parts of a canvas:
+ * made when they are first wanted, and freed with it. */
+#ifndef PBS_PASSES_H
+#define PBS_PASSES_H
+
+#include "cmd/pbs-view/reduce.h"
+#include "cmd/pbs-view/splat.h"
+
+/* Surfels by deferred splatting. Errors: PBS_LIMIT, PBS_INTERNAL. */
+pbs_code pbs_passes_splat(pbs_canvas *canvas, const pbs_resident *nodes, size_t count,
+                          const pbs_splat_options *options, pbs_err *err);
+/* Of the last one; waits for the device. */
+pbs_code pbs_passes_splat_count(pbs_canvas *canvas, pbs_splat_counts *out, pbs_err *err);
+
+/* Points of the nodes' prefixes, whatever the radius. wait: until they are those for this
+ * frame's camera, else *again says whether the caller should come again although nothing moves. */
+pbs_code pbs_passes_points(pbs_canvas *canvas, const pbs_resident *nodes, size_t count,
+                           const pbs_reduce_options *options, bool wait, bool *again, pbs_err *err);
+/* Points that the last pass has kept; waits for the device. */
+pbs_code pbs_passes_points_count(pbs_canvas *canvas, uint64_t *kept, pbs_err *err);
+#endif

@@ -1,0 +1,6 @@
+flat in uint id;
+layout(location = 0) out uint colour;
+
+void main() {
+    colour = id;
+}

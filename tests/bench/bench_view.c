@@ -1,0 +1,226 @@
+/* Deferred splatting and the reduce pass on this machine's device: milliseconds a frame, from one
+ * glFinish to the next, best of several; a camera on its way around a ball with a smaller one
+ * inside, which is never seen. bench_view [DEVICE [SURFELS [POINTS]]]; without numbers they are
+ * small enough for a software renderer. */
+#include "cmd/pbs-view/reduce.h"
+#include "cmd/pbs-view/splat.h"
+#include "libcore/quant.h"
+#include <stdio.h>
+#include <stdlib.h>
+#include <time.h>
+
+#define PI 3.14159265358979323846
+enum { WIDTH = 640, HEIGHT = 480, FRAMES = 12, STRIDE = 16, MOST_NODES = 256 };
+
+static pbs_run run = {.threads = 1};
+static pbs_gl gl;
+static pbs_err err;
+
+static void need(pbs_code rc) {
+    if (!rc) return;
+    printf("%s\n", err.text);
+    exit(rc == PBS_IO ? 0 : 1);
+}
+
+static double now_ms(void) {
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return 1e3 * (double)t.tv_sec + 1e-6 * (double)t.tv_nsec;
+}
+
+/* A Fibonacci sphere with ripples, its surfels in an order whose prefixes are spread; spacings as
+ * of the levels of a cloud: half of the points have the finest. */
+static pbs_surfels ball(uint32_t count, double size) {
+    uint8_t *records = malloc((size_t)count * STRIDE);
+    if (!records) exit(1);
+    for (uint32_t i = 0; i < count; i++) {
+        uint32_t at = (uint32_t)((uint64_t)i * 1000003 % count);
+        uint8_t *r = records + (size_t)at * STRIDE;
+        double y = 1 - (2 * i + 1.0) / count, w = sqrt(1 - y * y), a = i * PI * (3 - sqrt(5));
+        double n[3] = {w * cos(a), y, w * sin(a)};
+        double far = size * (1 + 0.02 * sin(20 * n[0]) * sin(20 * n[1]) * sin(20 * n[2]));
+        double apart =
+            sqrt(4 * PI / count) * size * exp2(floor(log2((double)count / (at + 1)) / 2));
+        float nf[3] = {(float)n[0], (float)n[1], (float)n[2]};
+        uint16_t q[4];
+        int16_t o[2];
+        for (int k = 0; k < 3; k++) q[k] = (uint16_t)((n[k] * far + 1.1) / 2.2 * 65535);
+        q[3] = pbs_half_put((float)(apart / 2.2));
+        pbs_oct_encode(o, nf);
+        memcpy(r, q, 8);
+        memcpy(r + 8, o, 4);
+        memcpy(r + 12,
+               (uint8_t[4]){(uint8_t)(90 + 60 * n[0]), 120, (uint8_t)(120 + 90 * n[1]), 255}, 4);
+    }
+    return (pbs_surfels){.records = records,
+                         .channels = PBS_NORMAL | PBS_COLOUR,
+                         .prefix = count,
+                         .whole = count,
+                         .radius = 1.1 * size * sqrt(4 * PI / count),
+                         .corner = {-1.1, -1.1, -1.1},
+                         .step = 2.2 / 65535};
+}
+
+static pbs_frame frame_at(double turn) {
+    pbs_frame f = {0};
+    char text[96];
+    snprintf(text, sizeof text, "%.9f,0.6,%.9f,0,0,0,40", 3.2 * sin(turn), 3.2 * cos(turn));
+    pbs_camera_parse(&f.camera, text, NULL);
+    return f;
+}
+
+/* ---- splats ---- */
+
+typedef struct row {
+    const char *name;
+    pbs_splat_options options;
+    double step; /* between two frames, radians */
+} row;
+
+static double splat_row(pbs_canvas *canvas, const pbs_resident *nodes, size_t count, const row *r,
+                        double against) {
+    pbs_splat *s;
+    pbs_splat_counts c;
+    double best = INFINITY;
+    need(pbs_splat_new(&run, &gl, &s, &err));
+    for (int i = 0; i < FRAMES; i++) {
+        pbs_frame f = frame_at(i * r->step);
+        gl.Finish();
+        double t = now_ms();
+        need(pbs_canvas_begin(canvas, &f, &err));
+        need(pbs_splat_draw(s, canvas, nodes, count, &r->options, &err));
+        gl.Finish();
+        t = now_ms() - t;
+        if (i > 1) best = fmin(best, t);
+    }
+    need(pbs_splat_count(s, &c, &err));
+    printf("%-36s %8.2f ms  %5.2f x  first %8llu  visible %8llu  new %7llu\n", r->name, best,
+           against > 0 ? against / best : 1, (unsigned long long)c.first,
+           (unsigned long long)c.visible, (unsigned long long)c.fresh);
+    pbs_splat_free(s);
+    return best;
+}
+
+static void bench_splats(pbs_canvas *canvas, uint32_t surfels) {
+    const row rows[] = {{"without selection", {.whole = true}, 0.02},
+                        {"selection, no coherence", {.afresh = true}, 0.02},
+                        {"selection, coherence", {0}, 0.02},
+                        {"the same in groups of 64", {.group = 64}, 0.02},
+                        {"selection, coherence, still", {0}, 0}};
+    pbs_residents *pool;
+    pbs_surfels part[2] = {ball(surfels / 4, 0.6), ball(surfels - surfels / 4, 1)};
+    pbs_resident nodes[2];
+    double whole = 0;
+    need(pbs_residents_new(&run, &gl, &pool, &err));
+    for (int i = 0; i < 2; i++)
+        need(pbs_residents_add(pool, &part[i], (uint64_t)i, &nodes[i], &err));
+    printf("splats: %u surfels, %d x %d pixels\n", surfels, WIDTH, HEIGHT);
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        double ms = splat_row(canvas, nodes, 2, &rows[i], whole);
+        if (i == 0) whole = ms;
+    }
+    double best = INFINITY;
+    for (int i = 0; i < FRAMES; i++) {
+        pbs_frame f = frame_at(0.02 * i);
+        gl.Finish();
+        double t = now_ms();
+        need(pbs_canvas_begin(canvas, &f, &err));
+        need(pbs_canvas_surfels(canvas, part, 2, &err));
+        gl.Finish();
+        if (i) best = fmin(best, now_ms() - t);
+    }
+    printf("%-36s %8.2f ms  %5.2f x\n", "discs, uploaded every frame", best, whole / best);
+    for (int i = 0; i < 2; i++) free((void *)part[i].records);
+    pbs_residents_free(pool);
+}
+
+/* ---- points ---- */
+
+/* GB/s of copying the records on the device: read and written. */
+static double copy_rate(const pbs_resident *r, size_t bytes) {
+    GLuint to;
+    double best = INFINITY;
+    gl.CreateBuffers(1, &to);
+    gl.NamedBufferData(to, (GLsizeiptr)bytes, NULL, GL_DYNAMIC_COPY);
+    for (int i = 0; i < FRAMES; i++) {
+        gl.Finish();
+        double t = now_ms();
+        gl.CopyNamedBufferSubData(r->buffer, to, (GLintptr)r->offset, 0, (GLsizeiptr)bytes);
+        gl.Finish();
+        best = fmin(best, now_ms() - t);
+    }
+    gl.DeleteBuffers(1, &to);
+    return 2e-6 * (double)bytes / best;
+}
+
+static void reduce_row(pbs_canvas *canvas, const pbs_resident *nodes, size_t count, uint64_t points,
+                       double spacing, double copy) {
+    pbs_reduce *r;
+    pbs_reduce_options o = {.spacing = spacing, .size = 4, .step = UINT32_MAX};
+    double best = INFINITY, drawn = INFINITY, cast = INFINITY;
+    uint64_t kept, lost;
+    need(pbs_reduce_new(&run, &gl, 0, &r, &err));
+    for (int i = 0; i < FRAMES; i++) {
+        pbs_frame f = frame_at(0.02 * i);
+        bool whole;
+        gl.Finish();
+        double t = now_ms();
+        need(pbs_reduce_step(r, &f.camera, (double)WIDTH / HEIGHT, nodes, count, &o, &whole, &err));
+        gl.Finish();
+        best = fmin(best, now_ms() - t);
+        t = now_ms();
+        need(pbs_canvas_begin(canvas, &f, &err));
+        need(pbs_reduce_draw(r, canvas, &o, &err));
+        gl.Finish();
+        drawn = fmin(drawn, now_ms() - t);
+        t = now_ms();
+        need(pbs_canvas_begin(canvas, &f, &err));
+        need(pbs_reduce_cast(r, canvas, &o, &err));
+        gl.Finish();
+        cast = fmin(cast, now_ms() - t);
+    }
+    need(pbs_reduce_count(r, &kept, &lost, &err));
+    double bytes = (double)points * STRIDE + (double)kept * sizeof(pbs_reduced);
+    printf("reduced to %8llu (lost %llu)  %8.2f ms  %8.4f Mpoints/ms  %7.2f GB/s, %5.1f %% of a "
+           "copy; drawn in %7.2f ms, cast in %7.2f\n",
+           (unsigned long long)kept, (unsigned long long)lost, best, 1e-6 * (double)points / best,
+           1e-6 * bytes / best, 1e-4 * bytes / best / copy, drawn, cast);
+    pbs_reduce_free(r);
+}
+
+static void bench_points(pbs_canvas *canvas, uint64_t points) {
+    static pbs_resident nodes[MOST_NODES];
+    pbs_residents *pool;
+    const uint32_t each = 1 << 20;
+    size_t count = 0;
+    need(pbs_residents_new(&run, &gl, &pool, &err));
+    for (uint64_t left = points; left && count < MOST_NODES; count++) {
+        pbs_surfels node = ball(left < each ? (uint32_t)left : each, 1 - 0.002 * (double)count);
+        need(pbs_residents_add(pool, &node, 1000 + count, &nodes[count], &err));
+        left -= node.prefix;
+        free((void *)node.records);
+    }
+    points = 0;
+    for (size_t i = 0; i < count; i++) points += nodes[i].prefix;
+    double copy = copy_rate(&nodes[0], (size_t)nodes[0].prefix * STRIDE);
+    printf("points: %llu of %d bytes in %zu nodes; a copy on the device: %.2f GB/s\n",
+           (unsigned long long)points, STRIDE, count, copy);
+    for (double spacing = 16; spacing >= 1; spacing /= 4)
+        reduce_row(canvas, nodes, count, points, spacing, copy);
+    pbs_residents_free(pool);
+}
+
+int main(int argc, char **argv) {
+    pbs_gl_context *context;
+    pbs_canvas *canvas;
+    need(pbs_gl_context_new(argc > 1 ? argv[1] : "", &context, &gl, &err));
+    uint32_t surfels = argc > 2 ? (uint32_t)atol(argv[2]) : gl.software ? 60000 : 4000000;
+    uint64_t points = argc > 3 ? (uint64_t)atoll(argv[3]) : gl.software ? 400000 : 100000000;
+    printf("%s\n", gl.device);
+    need(pbs_canvas_new(&run, &gl, &(pbs_canvas_desc){WIDTH, HEIGHT, 1}, &canvas, &err));
+    bench_splats(canvas, surfels);
+    bench_points(canvas, points);
+    pbs_canvas_free(canvas);
+    pbs_gl_context_free(context);
+    return 0;
+}
