@@ -164,7 +164,7 @@ th:first-child, td:first-child { text-align: left }
 tr.default td { font-weight: bold } tr.pareto td { background: var(--soft) }
 .wide { overflow-x: auto } .file { font-size: 0.8rem; margin-top: 0.2rem }
 figure { margin: 1rem 0 } figure svg { width: 100%; height: auto } figcaption { font-size: 0.85rem }
-figure.picture { display: inline-block; width: 32%; margin: 0 0.5% } figure.picture img { width: 100% }
+figure.picture { display: inline-block; width: 19%; margin: 0 0.5% } figure.picture img { width: 100% }
 pre { background: var(--soft); padding: 0.8rem; overflow-x: auto }
 \@media (prefers-color-scheme: dark) {
     :root { --line: #444; --soft: #242424 } body { background: #161616; color: #ddd }

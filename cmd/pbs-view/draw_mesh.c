@@ -276,6 +276,8 @@ pbs_code pbs_canvas_meshes(pbs_canvas *c, const pbs_meshes *scene, pbs_err *err)
         if (!code) code = draw_mesh(c, &t, &scene->draws[i], err);
     }
     for (size_t i = 0; i < n; i++) gl->DeleteTextures(1, &t.made[i]);
+    /* They would make the textures of others, without mipmaps, incomplete. */
+    for (GLuint unit = 0; unit < 3; unit++) gl->BindSampler(unit, 0);
     pbs_free(c->run, t.made);
     return code ? code : pbs_gl_check(gl, "meshes", err);
 }

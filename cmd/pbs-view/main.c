@@ -222,12 +222,13 @@ static pbs_code print_keys(pbs_err *err) {
 }
 
 static pbs_code work(pbs_app *app, void *opt, pbs_err *err) {
-    const options *o = opt;
+    options *o = opt;
     pbs_play play;
     pbs_show show = {0};
     if (o->play.keys) return print_keys(err);
     if (o->play.bench && o->show.shot)
         return pbs_fail(err, PBS_USAGE, "--bench and --shot: one of them");
+    o->show.still = o->show.shot || (o->play.bench && !o->play.window);
     pbs_code rc = pbs_play_open(&app->run, &o->play, o->show.up, o->show.surfel_size, &play, err);
     if (!rc) rc = pbs_show_open(&app->run, &o->show, pbs_operand(app, 0), &show, err);
     if (!rc) rc = play_it(app, o, &show, &play, err);

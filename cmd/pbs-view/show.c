@@ -21,7 +21,7 @@ static pbs_code open_archive(pbs_show *s, const char *path, pbs_err *err) {
                          .per_point = o->per_point,
                          .splat = o->splat,
                          .points = o->points,
-                         .still = o->shot};
+                         .still = o->still};
     pbs_code rc = pbs_archive_open(s->run, path, &s->archive, err);
     if (rc) return rc;
     s->box = s->archive.nodes[s->archive.node_count - 1].box;

@@ -17,6 +17,7 @@ typedef struct pbs_show_options {
     int up;     /* 0, 1, 2: x, y, z */
     int splat;  /* PBS_SPLAT_OFF, ... */
     int points; /* PBS_POINTS_CUT, ... */
+    bool still; /* each picture by itself: it waits for what it needs and counts what it shows */
     bool geometry, ignore_missing;
 } pbs_show_options;
 

@@ -15,6 +15,10 @@ for m in on afresh whole; do
 done
 holds "$(stat_of on.json visible) < 0.7 * $(stat_of on.json surfels)" "what is behind is not blended"
 holds "$(stat_of whole.json visible) == 0 + $(stat_of whole.json surfels)" "without selection all are"
+# What was drawn before, here the geometry, does not show.
+view --splat on --bench b.tsv --frames 3 --truth s.obj s.pbs
+holds "$(awk -F'\t' '/^#max/ { print $15 }' b.tsv) < 0.001" "a series: no holes"
+rm b.tsv
 # A sphere of 30000 points, spread evenly.
 awk 'BEGIN { n = 30000; for (i = 0; i < n; i++) {
         y = 1 - (2 * i + 1) / n; a = i * 2.39996322972865332; r = sqrt(1 - y * y)
