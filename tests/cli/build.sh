@@ -71,7 +71,7 @@ wait $build
 echo "status $?"
 # Signals: everything stops, nothing stays.
 for sig in INT TERM HUP; do
-    env --default-signal=INT pbs-build -q --count 1M -r 2500 fine.obj a.obj -o out/x.pbs &
+    env --default-signal pbs-build -q --count 1M -r 2500 fine.obj a.obj -o out/x.pbs &
     build=$!
     sleep 0.5
     kids=$(ps -o pid= --ppid $build)
