@@ -65,10 +65,10 @@ typedef struct pbs_surfels {
                             formats/octaves.h): entries without position and spacing, coarse first;
                             NULL: every surfel is shown as itself. A prefix is shown between the two
                             octaves that it is between */
-    double radius;       /* of a disc, node's unit: pbs_cut_radius(.., prefix) closes the surface */
-    double corner[3];    /* of the quantisation lattice, node's unit; origin included */
-    double step;         /* node's unit: position = corner + step * stored */
-    double m[12];        /* node to world; all 0: identity */
+    double radius; /* of a disc, node's unit: pbs_profile_radius(.., prefix) closes the surface */
+    double corner[3]; /* of the quantisation lattice, node's unit; origin included */
+    double step;      /* node's unit: position = corner + step * stored */
+    double m[12];     /* node to world; all 0: identity */
     /* Beyond the paper: every surfel decides for itself with its own distance, whether those before
      * it close the surface there. */
     double size;  /* pixels of a disc that is wanted; 0: all of the prefix is drawn */
