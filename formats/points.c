@@ -1,5 +1,7 @@
 #include "formats/points.h"
+#include "formats/columns.h"
 #include "formats/wire.h"
+#include <stddef.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -17,6 +19,17 @@ static const struct {
     {PBS_EMISSIVE, "emissive:u8x4", "emissive:u8x4", 4, 4},
 };
 #define CHANNELS (sizeof channel / sizeof channel[0])
+
+/* And the array of each. */
+static const pbs_column column[CHANNELS] = {
+    {PBS_POSITION, 12, offsetof(pbs_points, position)},
+    {PBS_SPACING, 4, offsetof(pbs_points, spacing)},
+    {PBS_NORMAL, 4, offsetof(pbs_points, normal)},
+    {PBS_COLOUR, 4, offsetof(pbs_points, colour)},
+    {PBS_MATERIAL, 4, offsetof(pbs_points, material)},
+    {PBS_EMISSIVE, 4, offsetof(pbs_points, emissive)},
+};
+static const pbs_columns columns = {column, CHANNELS, "the points"};
 
 int pbs_record_at(const pbs_record *r, uint32_t which) {
     int at = 0;
@@ -62,43 +75,9 @@ pbs_code pbs_record_parse(const char *place, const char *channels, pbs_record *o
 
 /* ---- arrays ---- */
 
-static void *field(pbs_points *p, uint32_t which) {
-    switch (which) {
-    case PBS_POSITION:
-        return &p->position;
-    case PBS_SPACING:
-        return &p->spacing;
-    case PBS_NORMAL:
-        return &p->normal;
-    case PBS_COLOUR:
-        return &p->colour;
-    case PBS_MATERIAL:
-        return &p->material;
-    default:
-        return &p->emissive;
-    }
-}
-
-static uint8_t *array(const pbs_points *p, uint32_t which) {
-    uint8_t *a;
-    memcpy(&a, field((pbs_points *)p, which), sizeof a);
-    return a;
-}
-
 pbs_code pbs_points_grow(pbs_run *run, uint32_t channels, pbs_points *p, size_t *cap, size_t need,
                          pbs_err *err) {
-    if (need <= *cap) return PBS_OK;
-    size_t target = *cap + *cap / 2;
-    if (target < need) target = need;
-    for (size_t i = 0; i < CHANNELS; i++) {
-        if (!(channels & channel[i].channel)) continue;
-        size_t c = *cap;
-        pbs_code rc = pbs_grow(run, field(p, channel[i].channel), &c, target, channel[i].size,
-                               "the points", err);
-        if (rc) return rc; /* *cap stays what all arrays have */
-    }
-    *cap = target;
-    return PBS_OK;
+    return pbs_columns_grow(run, &columns, channels, p, cap, need, err);
 }
 
 pbs_code pbs_points_alloc(pbs_run *run, uint32_t channels, size_t count, pbs_points *out,
@@ -112,7 +91,7 @@ pbs_code pbs_points_alloc(pbs_run *run, uint32_t channels, size_t count, pbs_poi
 }
 
 void pbs_points_free(pbs_run *run, pbs_points *p) {
-    for (size_t i = 0; i < CHANNELS; i++) pbs_free(run, array(p, channel[i].channel));
+    pbs_columns_free(run, &columns, p);
     memset(p, 0, sizeof *p);
 }
 
@@ -145,7 +124,7 @@ static void pack(const pbs_record *r, const pbs_points *p, size_t first, size_t 
         int at = pbs_record_at(r, channel[i].channel);
         if (at < 0) continue;
         size_t size = channel[i].size;
-        const uint8_t *from = array(p, channel[i].channel) + first * size;
+        const uint8_t *from = pbs_column_get(column + i, p) + first * size;
         uint8_t *out = to + at;
         if (r->packed && channel[i].channel == PBS_POSITION)
             pack_position(out, r->stride, p->position + 3 * first, n, l);
@@ -231,7 +210,7 @@ pbs_code pbs_points_read(const char *place, const pbs_record *r, const pbs_chunk
         int at = pbs_record_at(r, channel[i].channel);
         if (at < 0 || (r->packed && (channel[i].channel & (PBS_POSITION | PBS_SPACING)))) continue;
         size_t size = channel[i].size;
-        uint8_t *to = array(p, channel[i].channel) + p->count * size;
+        uint8_t *to = pbs_column_get(column + i, p) + p->count * size;
         copy_field(to, size, from + at, r->stride, size, c->count);
     }
     p->count += c->count;

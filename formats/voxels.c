@@ -1,7 +1,9 @@
 #include "formats/voxels.h"
+#include "formats/columns.h"
 #include "formats/wire.h"
 #include "libcore/grid.h"
 #include <math.h>
+#include <stddef.h>
 #include <stdio.h>
 
 /* One row a channel, in the order of the payload; each is 4 bytes a voxel. */
@@ -14,6 +16,18 @@ static const struct {
     {PBS_FACE, "face:u32"},
 };
 enum { CHANNELS = sizeof channel / sizeof channel[0] };
+
+/* And the array of each. */
+static const pbs_column column[CHANNELS] = {
+    {PBS_POSITION, 4, offsetof(pbs_voxels, place)},
+    {PBS_NORMAL, 4, offsetof(pbs_voxels, normal)},
+    {PBS_WEIGHT, 4, offsetof(pbs_voxels, weight)},
+    {PBS_COLOUR, 4, offsetof(pbs_voxels, colour)},
+    {PBS_MATERIAL, 4, offsetof(pbs_voxels, material)},
+    {PBS_EMISSIVE, 4, offsetof(pbs_voxels, emissive)},
+    {PBS_FACE, 4, offsetof(pbs_voxels, face)},
+};
+static const pbs_columns columns = {column, CHANNELS, "the voxels"};
 
 void pbs_voxels_text(uint32_t channels, char out[256]) {
     char *p = out;
@@ -44,44 +58,9 @@ uint32_t pbs_voxels_stride(uint32_t channels) {
 
 /* ---- arrays ---- */
 
-static void *field(pbs_voxels *v, uint32_t which) {
-    switch (which) {
-    case PBS_POSITION:
-        return &v->place;
-    case PBS_NORMAL:
-        return &v->normal;
-    case PBS_WEIGHT:
-        return &v->weight;
-    case PBS_COLOUR:
-        return &v->colour;
-    case PBS_MATERIAL:
-        return &v->material;
-    case PBS_EMISSIVE:
-        return &v->emissive;
-    default:
-        return &v->face;
-    }
-}
-
-static uint8_t *array(const pbs_voxels *v, uint32_t which) {
-    uint8_t *a;
-    memcpy(&a, field((pbs_voxels *)v, which), sizeof a);
-    return a;
-}
-
 pbs_code pbs_voxels_grow(pbs_run *run, uint32_t channels, pbs_voxels *v, size_t *cap, size_t need,
                          pbs_err *err) {
-    if (need <= *cap) return PBS_OK;
-    size_t target = *cap + *cap / 2;
-    if (target < need) target = need;
-    for (size_t i = 0; i < CHANNELS; i++) {
-        if (!(channels & channel[i].channel)) continue;
-        size_t c = *cap;
-        pbs_code rc = pbs_grow(run, field(v, channel[i].channel), &c, target, 4, "the voxels", err);
-        if (rc) return rc; /* *cap stays what all arrays have */
-    }
-    *cap = target;
-    return PBS_OK;
+    return pbs_columns_grow(run, &columns, channels, v, cap, need, err);
 }
 
 pbs_code pbs_voxels_alloc(pbs_run *run, uint32_t channels, size_t count, pbs_voxels *out,
@@ -95,14 +74,14 @@ pbs_code pbs_voxels_alloc(pbs_run *run, uint32_t channels, size_t count, pbs_vox
 }
 
 void pbs_voxels_free(pbs_run *run, pbs_voxels *v) {
-    for (size_t i = 0; i < CHANNELS; i++) pbs_free(run, array(v, channel[i].channel));
+    pbs_columns_free(run, &columns, v);
     memset(v, 0, sizeof *v);
 }
 
 void pbs_voxels_append(pbs_voxels *v, const pbs_voxels *from, size_t first, size_t n) {
     for (size_t i = 0; i < CHANNELS; i++) {
-        uint8_t *to = array(v, channel[i].channel);
-        const uint8_t *source = array(from, channel[i].channel);
+        uint8_t *to = pbs_column_get(column + i, v);
+        const uint8_t *source = pbs_column_get(column + i, from);
         if (to && source) memcpy(to + 4 * v->count, source + 4 * first, 4 * n);
     }
     v->count += n;
@@ -131,7 +110,7 @@ pbs_code pbs_voxels_write(pbs_writer *w, uint32_t node, const pbs_voxel_place *p
         pbs_piece piece[1 + CHANNELS] = {{head, sizeof head}};
         int pieces = 1;
         for (size_t k = 0; k < CHANNELS; k++) {
-            const uint8_t *a = array(v, channel[k].channel);
+            const uint8_t *a = pbs_column_get(column + k, v);
             if (a) piece[pieces++] = (pbs_piece){a + 4 * i, 4 * n};
         }
         pbs_code rc = pbs_writer_chunk(w, &c, piece, pieces, err);
@@ -191,7 +170,7 @@ pbs_code pbs_voxels_view(const char *file, uint32_t channels, const pbs_chunk *c
     out->count = chunk->count;
     for (size_t i = 0; i < CHANNELS; i++) {
         if (!(channels & channel[i].channel)) continue;
-        memcpy(field(out, channel[i].channel), &p, sizeof p);
+        pbs_column_set(column + i, out, p);
         p += 4 * (size_t)chunk->count;
     }
     return PBS_OK;
