@@ -2,6 +2,13 @@
 #define PBS_THIN_NAME(name) name
 #include "libcore/thin_inner.h"
 
+typedef pbs_code level_loop(pbs_thin *t, const pbs_thin_set *c, int k, bool first,
+                            pbs_thin_set *kept, pbs_thin_set *rejected, pbs_err *err);
+typedef pbs_code tail_loop(pbs_thin *t, pbs_thin_set *kept, const pbs_thin_set *rejected, int k,
+                           int8_t *level, pbs_err *err);
+level_loop pbs_thin_level_run_avx2;
+tail_loop pbs_thin_tail_run_avx2;
+
 static bool have_avx2(void) {
 #if defined(__x86_64__) && defined(__GNUC__)
     return __builtin_cpu_supports("avx2");
@@ -10,17 +17,12 @@ static bool have_avx2(void) {
 #endif
 }
 
-pbs_code pbs_thin_level_run_avx2(pbs_thin *t, const pbs_thin_set *c, int k, bool first,
-                                 pbs_thin_set *kept, pbs_thin_set *rejected, pbs_err *err);
-pbs_code pbs_thin_tail_run_avx2(pbs_thin *t, pbs_thin_set *kept, const pbs_thin_set *rejected,
-                                int k, int8_t *level, pbs_err *err);
-
 pbs_code pbs_thin_set_new(pbs_run *run, size_t room, bool colours, pbs_thin_set *s, pbs_err *err) {
     memset(s, 0, sizeof *s);
-    pbs_code rc = pbs_alloc(run, &s->x, room + 8, sizeof *s->x, "a level's points", err);
-    if (!rc) rc = pbs_alloc(run, &s->y, room + 8, sizeof *s->y, "a level's points", err);
-    if (!rc) rc = pbs_alloc(run, &s->z, room + 8, sizeof *s->z, "a level's points", err);
-    if (!rc) rc = pbs_alloc(run, &s->id, room + 8, sizeof *s->id, "a level's points", err);
+    pbs_code rc = pbs_alloc(run, &s->x, room + 16, sizeof *s->x, "a level's points", err);
+    if (!rc) rc = pbs_alloc(run, &s->y, room + 16, sizeof *s->y, "a level's points", err);
+    if (!rc) rc = pbs_alloc(run, &s->z, room + 16, sizeof *s->z, "a level's points", err);
+    if (!rc) rc = pbs_alloc(run, &s->id, room + 16, sizeof *s->id, "a level's points", err);
     if (!rc && colours) rc = pbs_alloc(run, &s->sum, room, 4 * sizeof *s->sum, "colours", err);
     return rc;
 }
@@ -37,7 +39,7 @@ void pbs_thin_set_free(pbs_run *run, pbs_thin_set *s) {
 pbs_code pbs_thin_new(pbs_run *run, size_t room, pbs_thin *t, pbs_err *err) {
     memset(t, 0, sizeof *t);
     t->run = run;
-    pbs_code rc = pbs_alloc(run, &t->tail, room + 8, sizeof *t->tail, "a level's points", err);
+    pbs_code rc = pbs_alloc(run, &t->tail, room + 16, sizeof *t->tail, "a level's points", err);
     if (!rc) rc = pbs_alloc(run, &t->row, 64, sizeof *t->row, "a level's points", err);
     if (!rc) rc = make_room(run, &t->kept, 1000, err);
     return rc ? rc : make_room(run, &t->other, 1000, err);
@@ -144,12 +146,12 @@ pbs_code pbs_thin_level(pbs_thin *t, const pbs_thin_set *c, int k, bool first, p
     pbs_code rc = make_table(t, c, k + BLOCK_SHIFT, err);
     if (rc) return rc;
     add_fixed(t, k + BLOCK_SHIFT);
-    return (have_avx2() ? pbs_thin_level_run_avx2 : pbs_thin_level_run)(t, c, k, first, kept,
-                                                                        rejected, err);
+    level_loop *loop = have_avx2() ? pbs_thin_level_run_avx2 : pbs_thin_level_run;
+    return loop(t, c, k, first, kept, rejected, err);
 }
 
 pbs_code pbs_thin_tail(pbs_thin *t, pbs_thin_set *kept, const pbs_thin_set *rejected, int k,
                        int8_t *level, pbs_err *err) {
-    return (have_avx2() ? pbs_thin_tail_run_avx2 : pbs_thin_tail_run)(t, kept, rejected, k, level,
-                                                                      err);
+    tail_loop *loop = have_avx2() ? pbs_thin_tail_run_avx2 : pbs_thin_tail_run;
+    return loop(t, kept, rejected, k, level, err);
 }

@@ -69,7 +69,7 @@ typedef struct pbs_thin {
 pbs_code pbs_thin_new(pbs_run *run, size_t room, pbs_thin *t, pbs_err *err);
 void pbs_thin_free(pbs_thin *t); /* zeroed by = {0} is fine */
 
-/* A set with arrays for `room` points (and eight, that are read with the last), and back. */
+/* A set with arrays for `room` points (and sixteen, that are read with the last), and back. */
 pbs_code pbs_thin_set_new(pbs_run *run, size_t room, bool colours, pbs_thin_set *s, pbs_err *err);
 void pbs_thin_set_free(pbs_run *run, pbs_thin_set *s);
 

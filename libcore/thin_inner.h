@@ -3,17 +3,17 @@
  *
  * Points in Morton order come block by block, and what a block keeps lies together, so a hash of
  * blocks to ranges finds all that is near the block's candidates. It is copied once, relative to
- * the block's corner, and serves all of them. Eight candidates are looked at together, against one
+ * the block's corner, and serves all of them. Sixteen candidates are looked at together, against one
  * point after the other; what they do to each other is decided last, in their order.
  */
 #ifndef PBS_THIN_INNER_H
 #define PBS_THIN_INNER_H
 
-#include "libcore/simd8.h"
+#include "libcore/simd16.h"
 #include "libcore/thin.h"
 #include <string.h>
 
-#define BLOCK_SHIFT 1     /* a block is 2^(k + BLOCK_SHIFT) wide: two spacings */
+#define BLOCK_SHIFT PBS_THIN_BLOCK
 #define FAR         1e30f /* its square is infinite */
 
 static inline uint32_t hash_of(int32_t x, int32_t y, int32_t z) {
@@ -54,7 +54,7 @@ static inline float square_of(int k) {
 /* ---- lists ---- */
 
 static inline pbs_code make_room(pbs_run *run, pbs_thin_list *l, size_t need, pbs_err *err) {
-    need += 16; /* eight are written at a time */
+    need += 32; /* sixteen are written at a time */
     if (need <= l->room) return PBS_OK;
     pbs_thin_list to = {.count = l->count, .room = need + need / 2};
     pbs_code rc = pbs_alloc(run, &to.at, 4 * to.room, sizeof *to.at, "points near a block", err);
@@ -97,10 +97,11 @@ static inline bool within(const window *w, float x, float y, float z) {
            (z >= w->low[2]) & (z <= w->high[2]);
 }
 
+/* The parts of a window test, and what is in it one behind the other: for each width. */
 #ifdef __AVX2__
-static inline f8 from_corner8(const int32_t *p, int32_t corner) {
+static inline f8 of_ints8(const int32_t *p, int32_t from) {
     __m256i v = _mm256_loadu_si256((const __m256i *)(const void *)p);
-    return _mm256_cvtepi32_ps(_mm256_sub_epi32(v, _mm256_set1_epi32(corner)));
+    return _mm256_cvtepi32_ps(_mm256_sub_epi32(v, _mm256_set1_epi32(from)));
 }
 static inline __m256 between8(f8 v, float low, float high) {
     return _mm256_and_ps(_mm256_cmp_ps(v, _mm256_set1_ps(low), _CMP_GE_OQ),
@@ -112,14 +113,10 @@ static inline unsigned within8(const window *w, f8 x, f8 y, f8 z) {
                       _mm256_and_ps(between8(y, w->low[1], w->high[1]),
                                     between8(z, w->low[2], w->high[2]))));
 }
-/* The lanes of a mask, one behind the other. */
-static inline __m256i lanes_of(unsigned mask) {
-    uint64_t bytes = _pext_u64(0x0706050403020100u, _pdep_u64(mask, 0x0101010101010101u) * 255);
-    return _mm256_cvtepu8_epi32(_mm_cvtsi64_si128((long long)bytes));
-}
 static inline void put_near8(pbs_thin_list *l, unsigned mask, f8 x, f8 y, f8 z, f8 square,
                              __m256i id) {
-    __m256i lane = lanes_of(mask);
+    uint64_t bytes = _pext_u64(0x0706050403020100u, _pdep_u64(mask, 0x0101010101010101u) * 255);
+    __m256i lane = _mm256_cvtepu8_epi32(_mm_cvtsi64_si128((long long)bytes));
     float *p = l->at + l->count;
     _mm256_storeu_ps(p, _mm256_permutevar8x32_ps(x, lane));
     _mm256_storeu_ps(p + l->room, _mm256_permutevar8x32_ps(y, lane));
@@ -129,78 +126,56 @@ static inline void put_near8(pbs_thin_list *l, unsigned mask, f8 x, f8 y, f8 z, 
                         _mm256_permutevar8x32_epi32(id, lane));
     l->count += (size_t)__builtin_popcount(mask);
 }
+#define LANES       8
 #define FIRST(left) ((left) < 8 ? (1u << (left)) - 1 : 255u)
+#define OF_INTS     of_ints8
+#define FLOATS      f8_at
+#define ALL         f8_all
+#define WITHIN      within8
+#define PUT_NEAR    put_near8
+#define IDS(i)      _mm256_add_epi32(step, _mm256_set1_epi32((int)(i)))
+#define IDS_AT(p)   _mm256_loadu_si256((const __m256i *)(const void *)(p))
+#define STEP        const __m256i step = _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7)
+#else
+#define LANES           1
+#define FIRST(left)     ((left) > 0)
+#define OF_INTS(p, by)  ((float)(int32_t)((uint32_t) * (p) - (uint32_t)(by)))
+#define FLOATS(p)       (*(p))
+#define ALL(v)          (v)
+#define WITHIN          within
+#define IDS(i)          (i)
+#define IDS_AT(p)       (*(p))
+#define STEP            (void)0
+#define PUT_NEAR(l, mask, x, y, z, square, id)                                                     \
+    do {                                                                                           \
+        if (mask) put_near(l, x, y, z, square, id);                                                \
+    } while (0)
+#endif
 
 /* Points first .. first + count - 1 of a set, those that are in the window; square NULL: they are
  * kept. There is room for all. */
 static void take_range(pbs_thin_list *l, const window *w, const int32_t corner[3],
                        const pbs_thin_set *s, uint32_t first, uint32_t count, const float *square) {
-    const __m256i step = _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7);
-    for (uint32_t i = first; i < first + count; i += 8) {
-        f8 x = from_corner8(s->x + i, corner[0]), y = from_corner8(s->y + i, corner[1]),
-           z = from_corner8(s->z + i, corner[2]);
-        unsigned mask = within8(w, x, y, z) & FIRST(first + count - i);
-        if (mask)
-            put_near8(l, mask, x, y, z, square ? f8_at(square + i) : f8_all(INFINITY),
-                      _mm256_add_epi32(step, _mm256_set1_epi32((int)i)));
+    STEP;
+    for (uint32_t i = first; i < first + count; i += LANES) {
+        const __typeof__(ALL(0.0f)) x = OF_INTS(s->x + i, corner[0]),
+                                    y = OF_INTS(s->y + i, corner[1]),
+                                    z = OF_INTS(s->z + i, corner[2]);
+        PUT_NEAR(l, WITHIN(w, x, y, z) & FIRST(first + count - i), x, y, z,
+                 square ? FLOATS(square + i) : ALL(INFINITY), IDS(i));
     }
 }
+
 static void filter(pbs_thin_list *to, const pbs_thin_list *from, const window *w) {
     to->count = 0;
-    for (size_t i = 0; i < from->count; i += 8) {
+    for (size_t i = 0; i < from->count; i += LANES) {
         const float *p = from->at + i;
-        f8 x = f8_at(p), y = f8_at(p + from->room), z = f8_at(p + 2 * from->room);
-        unsigned mask = within8(w, x, y, z) & FIRST(from->count - i);
-        if (mask)
-            put_near8(to, mask, x, y, z, f8_at(p + 3 * from->room),
-                      _mm256_loadu_si256((const __m256i *)(const void *)(from->id + i)));
+        const __typeof__(ALL(0.0f)) x = FLOATS(p), y = FLOATS(p + from->room),
+                                    z = FLOATS(p + 2 * from->room);
+        PUT_NEAR(to, WITHIN(w, x, y, z) & FIRST(from->count - i), x, y, z,
+                 FLOATS(p + 3 * from->room), IDS_AT(from->id + i));
     }
 }
-/* Lane j in all. */
-static inline f8 f8_lane(f8 a, int j) {
-    return _mm256_permutevar8x32_ps(a, _mm256_set1_epi32(j));
-}
-/* The largest 4^k of at most a. */
-static inline f8 power_below(f8 a) {
-    const __m256i one = _mm256_set1_epi32(1 << 23);
-    __m256i b = _mm256_or_si256(_mm256_sub_epi32(_mm256_castps_si256(a), one), one);
-    return _mm256_castsi256_ps(_mm256_and_si256(b, _mm256_set1_epi32(0x7f800000)));
-}
-#else
-static inline f8 from_corner8(const int32_t *p, int32_t corner) {
-    f8 v;
-    for (int j = 0; j < 8; j++) v.v[j] = (float)(int32_t)((uint32_t)p[j] - (uint32_t)corner);
-    return v;
-}
-static void take_range(pbs_thin_list *l, const window *w, const int32_t corner[3],
-                       const pbs_thin_set *s, uint32_t first, uint32_t count, const float *square) {
-    for (uint32_t i = first; i < first + count; i++) {
-        float x = (float)(s->x[i] - corner[0]), y = (float)(s->y[i] - corner[1]),
-              z = (float)(s->z[i] - corner[2]);
-        if (within(w, x, y, z)) put_near(l, x, y, z, square ? square[i] : INFINITY, i);
-    }
-}
-static void filter(pbs_thin_list *to, const pbs_thin_list *from, const window *w) {
-    to->count = 0;
-    for (size_t i = 0; i < from->count; i++) {
-        const float *p = from->at + i;
-        float x = p[0], y = p[from->room], z = p[2 * from->room];
-        if (within(w, x, y, z)) put_near(to, x, y, z, p[3 * from->room], from->id[i]);
-    }
-}
-static inline f8 f8_lane(f8 a, int j) {
-    return f8_all(a.v[j]);
-}
-static inline f8 power_below(f8 a) {
-    for (int j = 0; j < 8; j++) {
-        uint32_t b;
-        memcpy(&b, &a.v[j], sizeof b);
-        b = ((b - (1u << 23)) | 1u << 23) & 0x7f800000;
-        memcpy(&a.v[j], &b, sizeof b);
-    }
-    return a;
-}
-#endif
 
 /* ---- what is near a block ---- */
 
@@ -276,45 +251,47 @@ static pbs_code gather(pbs_thin *t, const decided *d, const pbs_thin_run *r, pbs
     return rc;
 }
 
-/* ---- eight candidates ---- */
+/* ---- sixteen candidates ---- */
 
-typedef struct eight {
-    f8 at[3];
+typedef struct batch {
+    f16 at[3];
+    float p[3][16]; /* the same */
     uint32_t first, count;
-} eight;
+} batch;
 
 /* Candidate i and those behind it, up to `end`; the lanes behind the last one are the first. */
-static inline eight eight_of(const pbs_thin_set *c, uint32_t i, uint32_t end,
+static inline batch batch_of(const pbs_thin_set *c, uint32_t i, uint32_t end,
                              const int32_t corner[3]) {
-    static const float lane[8] = {0, 1, 2, 3, 4, 5, 6, 7};
-    eight e = {.first = i, .count = end - i < 8 ? end - i : 8};
+    static const float lane[16] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
+    batch b = {.first = i, .count = end - i < 16 ? end - i : 16};
     const int32_t *from[3] = {c->x + i, c->y + i, c->z + i};
-    f8 there = f8_all((float)e.count);
+    f16 there = f16_all((float)b.count);
     for (int k = 0; k < 3; k++) {
-        f8 v = from_corner8(from[k], corner[k]);
-        e.at[k] = f8_if_less(f8_at(lane), there, v, f8_lane(v, 0));
+        f16 first = f16_all((float)(int32_t)((uint32_t)from[k][0] - (uint32_t)corner[k]));
+        f16 v = f16_of_ints(from[k], corner[k]);
+        b.at[k] = f16_if_less(f16_at(lane), there, v, first);
+        f16_put(b.p[k], b.at[k]);
     }
-    return e;
+    return b;
 }
 
-static inline window window_of_eight(const eight *e, float reach) {
+static inline window window_of_batch(const batch *b, float reach) {
     float low[3], high[3];
-    for (int k = 0; k < 3; k++) low[k] = f8_least(e->at[k]), high[k] = f8_most(e->at[k]);
+    for (int k = 0; k < 3; k++) low[k] = f16_least(b->at[k]), high[k] = f16_most(b->at[k]);
     return window_of(low, high, reach);
 }
 
-/* The squares of their distances to number i of a list. */
-static inline f8 squares(const eight *e, const pbs_thin_list *l, size_t i) {
-    const float *p = l->at + i;
-    f8 dx = f8_sub(e->at[0], f8_all(p[0])), dy = f8_sub(e->at[1], f8_all(p[l->room]));
-    f8 dz = f8_sub(e->at[2], f8_all(p[2 * l->room]));
-    return f8_add(f8_add(f8_mul(dx, dx), f8_mul(dy, dy)), f8_mul(dz, dz));
+/* The squares of their distances to a place. */
+static inline f16 squares(const batch *b, const float *x, const float *y, const float *z) {
+    f16 dx = f16_sub(b->at[0], f16_all(*x)), dy = f16_sub(b->at[1], f16_all(*y));
+    f16 dz = f16_sub(b->at[2], f16_all(*z));
+    return f16_add(f16_add(f16_mul(dx, dx), f16_mul(dy, dy)), f16_mul(dz, dz));
 }
-/* To one of them. */
-static inline f8 squares_to(const eight *e, int j) {
-    f8 dx = f8_sub(e->at[0], f8_lane(e->at[0], j)), dy = f8_sub(e->at[1], f8_lane(e->at[1], j));
-    f8 dz = f8_sub(e->at[2], f8_lane(e->at[2], j));
-    return f8_add(f8_add(f8_mul(dx, dx), f8_mul(dy, dy)), f8_mul(dz, dz));
+static inline f16 squares_near(const batch *b, const pbs_thin_list *l, size_t i) {
+    return squares(b, l->at + i, l->at + l->room + i, l->at + 2 * l->room + i);
+}
+static inline f16 squares_own(const batch *b, int j) {
+    return squares(b, &b->p[0][j], &b->p[1][j], &b->p[2][j]);
 }
 
 typedef float four __attribute__((vector_size(16)));
@@ -334,78 +311,78 @@ static inline void copy_point(const pbs_thin_set *c, uint32_t i, pbs_thin_set *t
     pbs_thin_put(to, c->x[i], c->y[i], c->z[i], c->id[i]);
 }
 
-/* Which of eight are too near to something: bits. */
-static inline unsigned too_near(const pbs_thin *t, const eight *e, f8 s2) {
-    f8 least = f8_all(FAR);
+/* Which of them are too near to something: bits. */
+static inline unsigned too_near(const pbs_thin *t, const batch *b, f16 s2) {
+    const pbs_thin_list *l = &t->some_kept, *o = &t->some_other;
+    f16 least = f16_all(FAR);
     unsigned bad = 0;
-    for (size_t i = 0; i < t->kept.count; i++) least = f8_min(least, squares(e, &t->kept, i));
-    const float *asked = t->other.at + 3 * t->other.room;
-    for (size_t i = 0; i < t->other.count; i++)
-        bad |= f8_less(squares(e, &t->other, i), f8_min(s2, f8_all(asked[i])));
-    return bad | f8_less(least, s2);
+    for (size_t i = 0; i < l->count; i++) least = f16_min(least, squares_near(b, l, i));
+    for (size_t i = 0; i < o->count; i++)
+        bad |= f16_less(squares_near(b, o, i), f16_min(s2, f16_all(o->at[3 * o->room + i])));
+    return bad | f16_less(least, s2);
 }
 
 static void level_run(pbs_thin *t, const pbs_thin_set *c, const pbs_thin_run *r, int k,
                       pbs_thin_set *kept, pbs_thin_set *rejected) {
-    const f8 s2 = f8_all(square_of(k));
+    const f16 s2 = f16_all(square_of(k));
     int32_t corner[3];
     corner_of(r, k + BLOCK_SHIFT, corner);
-    for (uint32_t i = r->first; i < r->end; i += 8) {
-        eight e = eight_of(c, i, r->end, corner);
-        unsigned all = (1u << e.count) - 1, bad = too_near(t, &e, s2), stay = 0;
+    for (uint32_t i = r->first; i < r->end; i += 16) {
+        batch b = batch_of(c, i, r->end, corner);
+        window w = window_of_batch(&b, ldexpf(1, k));
+        filter(&t->some_kept, &t->kept, &w);
+        filter(&t->some_other, &t->other, &w);
+        unsigned all = (1u << b.count) - 1, bad = too_near(t, &b, s2), stay = 0;
         for (unsigned left = all & ~bad; left; left = all & ~bad & ~stay) {
             int j = __builtin_ctz(left);
             stay |= 1u << j;
-            bad |= f8_less(squares_to(&e, j), s2);
+            bad |= f16_less(squares_own(&b, j), s2);
+            put_near(&t->kept, b.p[0][j], b.p[1][j], b.p[2][j], INFINITY,
+                     kept->count + (uint32_t)__builtin_popcount(stay) - 1);
         }
-        float p[3][8];
-        for (int a = 0; a < 3 && stay; a++) f8_put(p[a], e.at[a]);
-        for (uint32_t j = 0; j < e.count; j++) {
-            if (stay >> j & 1) {
-                put_near(&t->kept, p[0][j], p[1][j], p[2][j], INFINITY, kept->count);
-                copy_point(c, i + j, kept);
-            } else
-                copy_point(c, i + j, rejected);
-        }
+        for (uint32_t j = 0; j < b.count; j++) copy_point(c, i + j, stay >> j & 1 ? kept : rejected);
     }
 }
 
 /* A candidate's colour to those that stay near it. */
-static inline void give_colour(const pbs_thin_list *l, const float at[3], float s2,
+static inline void give_colour(const pbs_thin_list *l, const batch *b, uint32_t j, float s2,
                                const float *colour, float *sum) {
-    f8 x = f8_all(at[0]), y = f8_all(at[1]), z = f8_all(at[2]);
-    for (size_t n = 0; n < l->count; n += 8) {
+    f16 x = f16_all(b->p[0][j]), y = f16_all(b->p[1][j]), z = f16_all(b->p[2][j]);
+    for (size_t n = 0; n < l->count; n += 16) {
         const float *p = l->at + n;
-        float weight[8];
-        f8 dx = f8_sub(f8_at(p), x), dy = f8_sub(f8_at(p + l->room), y);
-        f8 dz = f8_sub(f8_at(p + 2 * l->room), z);
-        f8 d2 = f8_add(f8_add(f8_mul(dx, dx), f8_mul(dy, dy)), f8_mul(dz, dz));
-        unsigned any = f8_less(d2, f8_all(s2));
-        if (!any) continue;
-        f8_put(weight, f8_sub(f8_all(1), f8_mul(d2, f8_all(1 / s2))));
+        float weight[16];
+        f16 dx = f16_sub(f16_at(p), x), dy = f16_sub(f16_at(p + l->room), y);
+        f16 dz = f16_sub(f16_at(p + 2 * l->room), z);
+        f16 d2 = f16_add(f16_add(f16_mul(dx, dx), f16_mul(dy, dy)), f16_mul(dz, dz));
+        unsigned any = f16_less(d2, f16_all(s2));
+        f16_put(weight, f16_sub(f16_all(1), f16_mul(d2, f16_all(1 / s2))));
         for (; any; any &= any - 1) {
-            size_t j = (size_t)__builtin_ctz(any);
-            add_colour(sum + 4 * (size_t)l->id[n + j], colour, weight[j]);
+            size_t i = (size_t)__builtin_ctz(any);
+            add_colour(sum + 4 * (size_t)l->id[n + i], colour, weight[i]);
         }
     }
 }
 
 /* Each candidate's colour to all that stay near it. */
-static pbs_code give_colours(pbs_thin *t, const pbs_thin_set *c, const decided *d, float s2,
+static pbs_code give_colours(pbs_thin *t, const pbs_thin_set *c, const decided *d, int k,
                              pbs_thin_set *kept, pbs_err *err) {
     memset(kept->sum, 0, 16 * (size_t)kept->count);
     for (size_t n = 0; n < t->run_count; n++) {
         const pbs_thin_run *r = &t->runs[n];
         int32_t corner[3];
         pbs_code rc = gather(t, d, r, err);
+        if (!rc) rc = make_room(t->run, &t->some_kept, t->kept.count, err);
         if (rc) return rc;
         corner_of(r, d->shift, corner);
-        /* Behind the last one are eight that are far from everything. */
-        f8_put(t->kept.at + t->kept.count, f8_all(FAR));
-        for (uint32_t i = r->first; i < r->end; i++) {
-            float p[3] = {(float)(c->x[i] - corner[0]), (float)(c->y[i] - corner[1]),
-                          (float)(c->z[i] - corner[2])};
-            give_colour(&t->kept, p, s2, c->sum + 4 * (size_t)i, kept->sum);
+        for (uint32_t i = r->first; i < r->end; i += 16) {
+            batch b = batch_of(c, i, r->end, corner);
+            window w = window_of_batch(&b, ldexpf(1, k));
+            filter(&t->some_kept, &t->kept, &w);
+            /* Behind the last one are sixteen that are far from everything. */
+            f16_put(t->some_kept.at + t->some_kept.count, f16_all(FAR));
+            for (uint32_t j = 0; j < b.count; j++)
+                give_colour(&t->some_kept, &b, j, square_of(k), c->sum + 4 * (size_t)(i + j),
+                            kept->sum);
         }
     }
     return PBS_OK;
@@ -424,6 +401,8 @@ pbs_code PBS_THIN_NAME(pbs_thin_level_run)(pbs_thin *t, const pbs_thin_set *c, i
         pbs_thin_run *r = &t->runs[n];
         pbs_code rc = gather(t, &d, r, err);
         if (!rc) rc = make_room(t->run, &t->kept, t->kept.count + (r->end - r->first), err);
+        if (!rc) rc = make_room(t->run, &t->some_kept, t->kept.count + (r->end - r->first), err);
+        if (!rc) rc = make_room(t->run, &t->some_other, t->other.count, err);
         if (rc) return rc;
         uint32_t begin = kept->count;
         r->rejected = rejected->count;
@@ -432,7 +411,7 @@ pbs_code PBS_THIN_NAME(pbs_thin_level_run)(pbs_thin *t, const pbs_thin_set *c, i
         pbs_thin_block *b = find_or_add(t, r->at);
         b->kept = begin, b->kept_count = kept->count - begin;
     }
-    return c->sum && !first ? give_colours(t, c, &d, square_of(k), kept, err) : PBS_OK;
+    return c->sum && !first ? give_colours(t, c, &d, k, kept, err) : PBS_OK;
 }
 
 /* ---- what a level left over ---- */
@@ -446,52 +425,74 @@ static inline int level_of(float square, int below) {
     return k < below ? k : below - 1;
 }
 
-/* The squares of the spacings of these levels. */
-static inline f8 asked_of(f8 square, int below) {
-    if (below <= 12) return f8_min(power_below(square), f8_all(square_of(below - 1)));
-    float v[8];
-    f8_put(v, square);
-    for (int j = 0; j < 8; j++) v[j] = v[j] > 0 ? square_of(level_of(v[j], below)) : 0;
-    return f8_at(v);
+/* level_of for all, but for the bound; 0 for what is below 1. */
+static inline b16 levels_of(f16 square, int below) {
+    if (below > 12) {
+        float v[16];
+        int8_t k[16];
+        f16_put(v, square);
+        for (int j = 0; j < 16; j++) k[j] = (int8_t)(v[j] < 1 ? 0 : level_of(v[j], 100));
+        return b16_at(k);
+    }
+#if defined(__AVX2__)
+    const __m256i bias = _mm256_set1_epi32(127), zero = _mm256_setzero_si256();
+    __m256i a = _mm256_srli_epi32(_mm256_castps_si256(square.a), 23),
+            b = _mm256_srli_epi32(_mm256_castps_si256(square.b), 23);
+    a = _mm256_srli_epi32(_mm256_max_epi32(_mm256_sub_epi32(a, bias), zero), 1);
+    b = _mm256_srli_epi32(_mm256_max_epi32(_mm256_sub_epi32(b, bias), zero), 1);
+    __m256i both = _mm256_permute4x64_epi64(_mm256_packs_epi32(a, b), 0xd8);
+    return _mm_packs_epi16(_mm256_castsi256_si128(both), _mm256_extracti128_si256(both, 1));
+#else
+    float v[16];
+    int8_t k[16];
+    f16_put(v, square);
+    for (int j = 0; j < 16; j++) k[j] = (int8_t)(v[j] < 1 ? 0 : level_of(v[j], 100));
+    return b16_at(k);
+#endif
 }
 
 typedef struct nearest {
-    f8 square; /* of the distance to the nearest that asks for more than that */
-    f8 kept;   /* to the nearest that stays; FAR: none */
-    f8 which;  /* that one */
+    f16 square; /* of the distance to the nearest that asks for more than that */
+    f16 kept;   /* to the nearest that stays; FAR: none */
+    f16 which;  /* that one */
 } nearest;
 
-static inline nearest nearest_of(const pbs_thin *t, const eight *e) {
+static inline nearest nearest_of(const pbs_thin *t, const batch *b) {
     const pbs_thin_list *l = &t->some_kept, *o = &t->some_other;
     const float *asked = o->at + 3 * o->room;
-    const f8 far = f8_all(FAR);
-    nearest n = {far, far, f8_all(0)};
+    const f16 far = f16_all(FAR);
+    nearest n = {far, far, f16_all(0)};
     for (size_t i = 0; i < l->count; i++) {
-        f8 d2 = squares(e, l, i);
-        n.which = f8_if_less(d2, n.kept, f8_all((float)i), n.which);
-        n.kept = f8_min(n.kept, d2);
+        f16 d2 = squares_near(b, l, i);
+        n.which = f16_if_less(d2, n.kept, f16_all((float)i), n.which);
+        n.kept = f16_min(n.kept, d2);
     }
     for (size_t i = 0; i < o->count; i++) {
-        f8 d2 = squares(e, o, i);
-        n.square = f8_min(n.square, f8_if_less(d2, f8_all(asked[i]), d2, far));
+        f16 d2 = squares_near(b, o, i);
+        n.square = f16_min(n.square, f16_if_less(d2, f16_all(asked[i]), d2, far));
     }
-    n.square = f8_min(n.square, n.kept);
+    n.square = f16_min(n.square, n.kept);
     return n;
 }
 
-/* Levels of eight, one after the other: each respects those before it. */
-static inline f8 decide(const eight *e, f8 square, int k) {
-    static const float is[8][8] = {{1}, {0, 1}, {0, 0, 1}, {0, 0, 0, 1}, {0, 0, 0, 0, 1},
-                                   {0, 0, 0, 0, 0, 1}, {0, 0, 0, 0, 0, 0, 1},
-                                   {0, 0, 0, 0, 0, 0, 0, 1}};
-    const f8 far = f8_all(FAR), zero = f8_all(0);
-    f8 all = zero;
-    for (int j = 0; j < (int)e->count; j++) {
-        f8 asked = asked_of(square, k), own = f8_lane(asked, j), d2 = squares_to(e, j);
-        all = f8_if_less(zero, f8_at(is[j]), asked, all);
-        square = f8_min(square, f8_if_less(d2, own, d2, far));
+/* Levels of a batch, one after the other: each respects those before it. A point that is closer
+ * than an earlier one's spacing asks has at most the level of that distance. */
+static inline b16 decide(const batch *b, f16 square, int k) {
+    static const int8_t past[31] = {127, 127, 127, 127, 127, 127, 127, 127,
+                                    127, 127, 127, 127, 127, 127, 127, 127};
+    b16 level = b16_min(levels_of(square, k), b16_all((int8_t)(k - 1)));
+    for (int j = 0; j < (int)b->count - 1; j++) {
+        b16 to = b16_or(levels_of(squares_own(b, j), k), b16_at(past + 15 - j));
+        level = b16_min(level, b16_if_less(to, b16_lane(level, j)));
     }
-    return all;
+    return level;
+}
+
+/* The squares of their spacings. */
+static inline f16 asked_by(const int8_t level[16]) {
+    float v[16];
+    for (int j = 0; j < 16; j++) v[j] = square_of(level[j]);
+    return f16_at(v);
 }
 
 typedef struct tail_job {
@@ -501,29 +502,31 @@ typedef struct tail_job {
     int k;
 } tail_job;
 
-static inline void tail_eight(pbs_thin *t, const tail_job *b, const eight *e) {
-    const pbs_thin_set *c = b->rejected;
-    const float s2 = square_of(b->k), reach = ldexpf(1, b->k);
-    window w = window_of_eight(e, reach);
+static inline void tail_batch(pbs_thin *t, const tail_job *job, const batch *b) {
+    const pbs_thin_set *c = job->rejected;
+    const float s2 = square_of(job->k), reach = ldexpf(1, job->k);
+    window w = window_of_batch(b, reach);
     filter(&t->some_kept, &t->kept, &w);
-    w = window_of_eight(e, reach / 2);
+    w = window_of_batch(b, reach / 2);
     filter(&t->some_other, &t->other, &w);
-    nearest n = nearest_of(t, e);
-    f8 asked = decide(e, n.square, b->k);
-    float *to = t->other.at + t->other.count, kept[8], which[8];
+    nearest n = nearest_of(t, b);
+    int8_t level[16];
+    b16_put(level, decide(b, n.square, job->k));
+    f16 asked = asked_by(level);
+    float *to = t->other.at + t->other.count, kept[16], which[16];
     size_t room = t->other.room;
-    for (int a = 0; a < 3; a++) f8_put(to + (size_t)a * room, e->at[a]);
-    f8_put(to + 3 * room, asked);
-    f8_put(t->tail + e->first, asked);
-    t->other.count += e->count;
-    f8_put(kept, n.kept);
-    f8_put(which, n.which);
-    for (uint32_t j = 0, i = e->first; j < e->count; j++, i++) {
-        b->level[c->id[i]] = (int8_t)level_of(t->tail[i], b->k);
-        if (b->sum && kept[j] < s2)
-            add_colour(b->sum + 4 * (size_t)t->some_kept.id[(size_t)which[j]],
-                       c->sum + 4 * (size_t)i, 1 - kept[j] / s2);
-    }
+    for (int a = 0; a < 3; a++) f16_put(to + (size_t)a * room, b->at[a]);
+    f16_put(to + 3 * room, asked);
+    f16_put(t->tail + b->first, asked);
+    t->other.count += b->count;
+    for (uint32_t j = 0; j < b->count; j++) job->level[c->id[b->first + j]] = level[j];
+    if (!job->sum) return;
+    f16_put(kept, n.kept);
+    f16_put(which, n.which);
+    for (uint32_t j = 0; j < b->count; j++)
+        if (kept[j] < s2)
+            add_colour(job->sum + 4 * (size_t)t->some_kept.id[(size_t)which[j]],
+                       c->sum + 4 * (size_t)(b->first + j), 1 - kept[j] / s2);
 }
 
 pbs_code PBS_THIN_NAME(pbs_thin_tail_run)(pbs_thin *t, pbs_thin_set *kept,
@@ -549,9 +552,9 @@ pbs_code PBS_THIN_NAME(pbs_thin_tail_run)(pbs_thin *t, pbs_thin_set *kept,
         if (!rc) rc = make_room(t->run, &t->some_other, t->other.count + count, err);
         if (rc) return rc;
         corner_of(r, d.shift, corner);
-        for (uint32_t i = r->rejected; i < r->rejected_end; i += 8) {
-            eight e = eight_of(rejected, i, r->rejected_end, corner);
-            tail_eight(t, &job, &e);
+        for (uint32_t i = r->rejected; i < r->rejected_end; i += 16) {
+            batch b = batch_of(rejected, i, r->rejected_end, corner);
+            tail_batch(t, &job, &b);
         }
         pbs_thin_block *b = find(t, r->at[0], r->at[1], r->at[2]);
         b->tail = r->rejected, b->tail_count = count;
