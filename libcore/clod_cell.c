@@ -108,7 +108,7 @@ static inline void add_colour(float *sum, const float *linear, const uint8_t c[4
 static void take_points(const pbs_clod_cell *c, pbs_clod_work *w) {
     const float *linear = pbs_srgb()->linear;
     uint32_t n = (uint32_t)c->count;
-    float *sum = w->kept.sum ? w->kept.sum - 4 : NULL;
+    float *sum = w->kept.sum;
     const uint32_t *o = c->origin;
     w->kept.count = 0;
     for (uint32_t i = 0; i < n; i++) {
@@ -118,9 +118,9 @@ static void take_points(const pbs_clod_cell *c, pbs_clod_work *w) {
         for (int k = 0; k < 3; k++) w->q[i][k] = (uint16_t)(r->q[k] - o[k]);
         if (!i || (w->key[i] ^ w->key[i - 1]) >> 16) {
             pbs_thin_put(&w->kept, (int32_t)r->q[0], (int32_t)r->q[1], (int32_t)r->q[2], i);
-            if (sum) memset(sum += 4, 0, 4 * sizeof *sum);
+            if (sum) memset(sum + 4 * (size_t)(w->kept.count - 1), 0, 4 * sizeof *sum);
         }
-        if (sum) add_colour(sum, linear, r->colour);
+        if (sum) add_colour(sum + 4 * (size_t)(w->kept.count - 1), linear, r->colour);
     }
 }
 
