@@ -70,7 +70,8 @@ static int open_again(const pbs_input *in, const char *path) {
 
 pbs_code pbs_cloud_open_input(pbs_run *run, pbs_input *in, const char *path, pbs_cloud *c,
                               pbs_err *err) {
-    *c = (pbs_cloud){.run = run, .in = *in, .own.fd = -1, .fd = -1, .scale = {1, 1, 1}};
+    *c = (pbs_cloud){.run = run, .in = *in, .own.fd = -1, .fd = -1, .scale = {1, 1, 1},
+                     .said_low = {1}};
     pbs_code rc = pbs_input_map(&c->in, err);
     if (!rc) {
         c->fd = open_again(&c->in, path);
@@ -113,10 +114,18 @@ static pbs_code read_piece(const pbs_cloud *c, uint64_t at, uint8_t *to, size_t 
     return PBS_OK;
 }
 
+pbs_code pbs_cloud_records(const pbs_cloud *c, uint64_t first, size_t n, void *room,
+                           const uint8_t **out, pbs_err *err) {
+    const uint8_t *base = c->own.bytes ? c->own.bytes : c->in.bytes;
+    uint64_t at = (uint64_t)(c->first - base) + first * c->stride;
+    *out = c->fd < 0 ? base + at : room;
+    return c->fd < 0 ? PBS_OK : read_piece(c, at, room, n * c->stride, err);
+}
+
 pbs_code pbs_cloud_read(const pbs_cloud *c, uint64_t first, size_t n, double (*value)[3],
                         uint16_t (*colour)[3], pbs_err *err) {
     _Alignas(16) uint8_t piece[PIECE];
-    const uint8_t *base = c->own.bytes ? c->own.bytes : c->in.bytes;
+    const uint8_t *from;
     if (c->colour == PBS_CLOUD_NO_COLOUR) colour = NULL;
     if (c->fd < 0 || c->stride > PIECE) {
         c->decode(c, c->first + first * c->stride, n, value, colour);
@@ -124,10 +133,9 @@ pbs_code pbs_cloud_read(const pbs_cloud *c, uint64_t first, size_t n, double (*v
     }
     for (size_t i = 0, some; i < n; i += some) {
         some = PIECE / c->stride < n - i ? PIECE / c->stride : n - i;
-        uint64_t at = (uint64_t)(c->first - base) + (first + i) * c->stride;
-        pbs_code rc = read_piece(c, at, piece, some * c->stride, err);
+        pbs_code rc = pbs_cloud_records(c, first + i, some, piece, &from, err);
         if (rc) return rc;
-        c->decode(c, piece, some, value + i, colour ? colour + i : NULL);
+        c->decode(c, from, some, value + i, colour ? colour + i : NULL);
     }
     return PBS_OK;
 }

@@ -34,6 +34,8 @@ struct pbs_cloud {
     double offset[3], scale[3]; /* finite; scale not 0 */
     bool lattice;               /* values are integers of 32 bits */
     pbs_cloud_colour colour;
+    /* Values between these, says the file, which may be wrong; low[0] > high[0]: it says nothing. */
+    double said_low[3], said_high[3];
 
     /* the reader's own */
     const uint8_t *first;
@@ -59,6 +61,12 @@ void pbs_cloud_close(pbs_cloud *c);
  * or the cloud has none: not touched. Thread-safe. Errors: PBS_IO, with the file's name. */
 pbs_code pbs_cloud_read(const pbs_cloud *c, uint64_t first, size_t n, double (*value)[3],
                         uint16_t (*colour)[3], pbs_err *err);
+
+/* The same points as the file has them, stride bytes each: in room (of n * stride bytes), or where
+ * they are mapped. Those of a lattice begin with x, y, z as int32_t, and have their colour at
+ * at[3], as uint16_t. */
+pbs_code pbs_cloud_records(const pbs_cloud *c, uint64_t first, size_t n, void *room,
+                           const uint8_t **out, pbs_err *err);
 
 /* The pages that points may be read from are let go by this. */
 static inline void pbs_cloud_trim(const pbs_cloud *c, pbs_trim *t) {

@@ -1,42 +1,42 @@
 /* cloudtake.c: the points of clouds on one lattice, in the cells of an octree (cloudpack.h).
  *
- * Three passes over the files: bounds, counts of a grid of cells, and the points themselves. */
-#include "formats/cloudpack.h"
+ * Two passes over the files: bounds, and counts of a grid of cells in the box that the files say
+ * they have; then the points themselves. If the box is not right, or files do not say one, or are
+ * not on one lattice, counting is a pass of its own: what comes out is the same. */
+#include "formats/cloudtake.h"
 #include "libcore/pipe.h"
-#include <float.h>
+#include "libcore/vectors.h"
 #include <math.h>
 #include <string.h>
 
 enum {
-    BATCH = 65536, /* so many that the points of a cell are usually many, and 16 bits count them */
-    PART = 1024,   /* of it, as numbers of the file */
-    PER_CELL = 4096,      /* points of a surface in a cell of it, or more */
-    LATTICE_BITS = 23,    /* of clouds without a lattice of their own */
-    IN_MEMORY = 32 << 20, /* bytes of points: more lie in a file */
-    HELD = 32 << 20       /* bytes of pages of files */
+    BATCH = 65536,        /* so many that the points of a cell are usually many */
+    PART = 1024,          /* of it, as numbers of the file */
+    PIECE = 192 << 10,    /* bytes of a file at a time */
+    HELD = 32 << 20,      /* bytes of pages of files */
+    POINTS = 208 << 20,   /* bytes of points in memory, and what threads need: else a file */
+    A_THREAD = 16 << 20,
+    THE_REST = 24 << 20
 };
 
-/* What the files' numbers become: value * mul + add, in steps. */
-typedef struct map {
-    double mul[3], add[3];
-    int colour_shift;
-} map;
+typedef enum pass_kind { MEASURE, COUNT, MEASURE_AND_COUNT, TAKE } pass_kind;
 
-typedef struct bounds {
-    double low[3], high[3]; /* values of the file */
-    uint64_t bad;
-    uint16_t colour; /* largest */
-} bounds;
+/* The points of a batch that are in one cell. */
+typedef struct run_of {
+    uint32_t cell, end;
+} run_of;
 
 typedef struct batch {
-    const pbs_cloud *cloud;
-    const map *map;
+    size_t cloud;
     uint64_t first;
-    size_t count, taken;
+    size_t count, taken, run_count;
+    pbs_cloud_bounds bounds;
+    uint8_t *piece;
     double (*value)[3]; /* PART of them */
     uint16_t (*colour)[3];
     pbs_clod_raw *raw, *sorted;
-    uint64_t *key, *other; /* place in the grid, or cell; and which point it is */
+    uint32_t *cell; /* or place in the grid */
+    run_of *run;
 } batch;
 
 typedef struct take {
@@ -44,30 +44,28 @@ typedef struct take {
     const pbs_cloud *clouds;
     size_t cloud_count;
     pbs_cloud_points *out;
-    map *maps;
-    bounds *bounds; /* of each cloud; those of threads behind */
+    pbs_cloud_map *maps;
+    pbs_cloud_bounds *bounds; /* of each cloud */
     pbs_clod_grid grid;
-    uint64_t *at; /* of each cell, where its next point goes; NULL: count */
-    /* the source */
+    uint64_t *at;    /* of each cell, where its next point goes */
+    uint32_t **seen; /* of each thread: zero for each cell */
+    batch *slots;
+    int slot_count;
+    /* of a pass */
+    pass_kind kind;
     size_t cloud;
     uint64_t next, done, all;
 } take;
+
+/* ---- bounds ---- */
 
 static bool finite3(const double v[3]) {
     /* x - x is 0 for finite numbers only */
     return v[0] - v[0] + (v[1] - v[1]) + (v[2] - v[2]) == 0;
 }
 
-/* ---- bounds ---- */
-
-typedef struct measure {
-    const pbs_cloud *cloud;
-    bounds *thread;
-    batch *batches;
-} measure;
-
-static void add_bounds(bounds *b, const double (*v)[3], const uint16_t (*colour)[3], size_t n) {
-    uint16_t most = b->colour;
+static void add_bounds(pbs_cloud_bounds *b, const double (*v)[3], const uint16_t (*colour)[3],
+                       size_t n) {
     double low[3], high[3];
     memcpy(low, b->low, sizeof low), memcpy(high, b->high, sizeof high);
     for (size_t i = 0; i < n; i++) {
@@ -81,192 +79,52 @@ static void add_bounds(bounds *b, const double (*v)[3], const uint16_t (*colour)
         }
     }
     for (size_t i = 0; colour && i < n; i++)
-        for (int k = 0; k < 3; k++) most = colour[i][k] > most ? colour[i][k] : most;
+        b->colour |= colour[i][0] | colour[i][1] | colour[i][2];
     memcpy(b->low, low, sizeof low), memcpy(b->high, high, sizeof high);
-    b->colour = most;
 }
 
-static pbs_code measure_batch(void *ctx, size_t i, int thread, pbs_err *err) {
-    measure *m = ctx;
-    batch *b = &m->batches[thread];
-    uint64_t first = (uint64_t)i * BATCH;
-    size_t count = m->cloud->count - first < BATCH ? (size_t)(m->cloud->count - first) : BATCH;
-    bool colours = m->cloud->colour == PBS_CLOUD_COLOUR_ANY;
-    pbs_code rc = PBS_OK;
-    for (size_t p = 0, n; p < count && !rc; p += n) {
-        n = count - p < PART ? count - p : PART;
-        rc = pbs_cloud_read(m->cloud, first + p, n, b->value, colours ? b->colour : NULL, err);
-        if (!rc)
-            add_bounds(&m->thread[thread], (const double(*)[3])b->value,
-                       colours ? (const uint16_t(*)[3])b->colour : NULL, n);
+/* Three numbers of 16 bits, read with the two bytes before them: a record may end with them. */
+static inline uint64_t colour_at(const uint8_t *p) {
+    uint64_t v;
+    memcpy(&v, p - 2, sizeof v);
+    return v >> 16;
+}
+
+static inline i4 select4i(i4 which, i4 yes, i4 no) {
+    return (yes & which) | (no & ~which);
+}
+
+static void add_record_bounds(pbs_cloud_bounds *b, const pbs_cloud *c, const uint8_t *p, size_t n) {
+    i4 low = {INT32_MAX, INT32_MAX, INT32_MAX, 0}, high = {INT32_MIN, INT32_MIN, INT32_MIN, 0};
+    uint64_t colours = 0;
+    const uint32_t red = c->colour == PBS_CLOUD_COLOUR_ANY ? c->at[3] : 0;
+    for (size_t i = 0; i < n; i++, p += c->stride) {
+        i4 v = *(const i4_at *)(const void *)p; /* the fourth is something else */
+        low = select4i(v < low, v, low);
+        high = select4i(v > high, v, high);
+        if (red) colours |= colour_at(p + red);
     }
-    return rc;
-}
-
-static void merge_bounds(bounds *to, const bounds *b) {
-    for (int k = 0; k < 3; k++) {
-        to->low[k] = fmin(to->low[k], b->low[k]);
-        to->high[k] = fmax(to->high[k], b->high[k]);
+    for (int k = 0; k < 3 && n; k++) {
+        b->low[k] = fmin(b->low[k], low[k]);
+        b->high[k] = fmax(b->high[k], high[k]);
     }
-    to->bad += b->bad;
-    to->colour = b->colour > to->colour ? b->colour : to->colour;
+    b->colour |= (uint16_t)(colours | colours >> 16 | colours >> 32);
 }
 
-static const bounds NOTHING = {
-    {INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}, 0, 0};
+/* ---- points to steps, and where they are ---- */
 
-/* In pieces, so that pages of the file can go between them. */
-static pbs_code measure_cloud(take *t, size_t c, batch *batches, pbs_err *err) {
-    bounds *own = &t->bounds[c], *threads = t->bounds + t->cloud_count;
-    const size_t piece = 64;
-    pbs_cloud part = t->clouds[c];
-    pbs_code rc = PBS_OK;
-    *own = NOTHING;
-    for (int i = 0; i < t->run->threads; i++) threads[i] = NOTHING;
-    while (part.count && !rc) {
-        uint64_t all = part.count, n = (all + BATCH - 1) / BATCH;
-        if (n > piece) n = piece, part.count = (uint64_t)piece * BATCH;
-        measure m = {&part, threads, batches};
-        rc = pbs_parallel(t->run, (size_t)n, measure_batch, &m, err);
-        part.first += part.count * part.stride;
-        part.count = all - part.count;
-        pbs_trim_now(&t->out->trim);
-        pbs_run_progress(t->run, "bounds", t->clouds[c].count - part.count, t->clouds[c].count);
-    }
-    for (int i = 0; i < t->run->threads; i++) merge_bounds(own, &threads[i]);
-    return rc;
-}
-
-/* ---- the lattice ---- */
-
-/* All numbers of all clouds, as positions. */
-static pbs_code cloud_box(const take *t, pbs_box *box, pbs_err *err) {
-    *box = PBS_BOX_EMPTY;
-    for (size_t c = 0; c < t->cloud_count; c++) {
-        const bounds *b = &t->bounds[c];
-        const pbs_cloud *cloud = &t->clouds[c];
-        double low[3], high[3];
-        if (!(b->low[0] <= b->high[0])) continue;
-        for (int k = 0; k < 3; k++) {
-            low[k] = cloud->offset[k] + cloud->scale[k] * b->low[k];
-            high[k] = cloud->offset[k] + cloud->scale[k] * b->high[k];
-        }
-        pbs_box_add(box, low);
-        pbs_box_add(box, high);
-    }
-    if (pbs_box_is_empty(box)) return pbs_fail(err, PBS_DATA, "no points");
-    for (int k = 0; k < 3; k++)
-        if (!(box->max[k] - box->min[k] < 1e38) || !(fabs(box->min[k]) < 1e300))
-            return pbs_fail(err, PBS_DATA, "points from %g to %g: too far apart", box->min[k],
-                            box->max[k]);
-    return PBS_OK;
-}
-
-static double extent_of(const pbs_box *b) {
-    return fmax(b->max[0] - b->min[0], fmax(b->max[1] - b->min[1], b->max[2] - b->min[2]));
-}
-
-/* The smallest scale of the files; 0: some have no lattice. */
-static double files_step(const take *t) {
-    double step = INFINITY;
-    for (size_t c = 0; c < t->cloud_count; c++)
-        for (int k = 0; k < 3; k++)
-            step = t->clouds[c].lattice ? fmin(step, fabs(t->clouds[c].scale[k])) : 0;
-    return step;
-}
-
-/* v, if it is an integer but for rounding; else *exact becomes false. */
-static double snap(double v, double slack, bool *exact) {
-    double r = floor(v + 0.5);
-    if (fabs(v - r) <= slack) return r;
-    *exact = false;
-    return v;
-}
-
-static void make_maps(take *t, bool *exact) {
-    const pbs_cloud_lattice *l = &t->out->lattice;
-    for (size_t c = 0; c < t->cloud_count; c++)
-        for (int k = 0; k < 3; k++) {
-            const pbs_cloud *cloud = &t->clouds[c];
-            double mul = cloud->scale[k] / l->step,
-                   add = (cloud->offset[k] - l->origin[k]) / l->step;
-            bool own = cloud->lattice;
-            t->maps[c].mul[k] = own ? snap(mul, 1e-9 * fabs(mul), exact) : mul;
-            t->maps[c].add[k] = own ? snap(add, 1e-3, exact) : add;
-            *exact = *exact && own;
-        }
-}
-
-static pbs_code choose_lattice(take *t, pbs_err *err) {
-    pbs_cloud_lattice *l = &t->out->lattice;
-    pbs_box box;
-    pbs_code rc = cloud_box(t, &box, err);
-    if (rc) return rc;
-    double extent = extent_of(&box), step = files_step(t);
-    bool exact = step > 0;
-    if (!exact) {
-        /* A power of two: scaling by it is exact, and so is then the difference to the origin. */
-        step = extent > 0 ? fmax(ldexp(1, (int)ceil(log2(extent)) - LATTICE_BITS), DBL_MIN) : 1;
-    }
-    while (extent / step >= ldexp(1, PBS_CLOD_BITS) - 2) step *= 2, exact = false;
-    l->step = step;
-    const double *at = t->clouds[0].offset;
-    for (int k = 0; k < 3; k++)
-        l->origin[k] = exact ? at[k] + step * floor((box.min[k] - at[k]) / step + 0.5) : box.min[k];
-    make_maps(t, &exact);
-    l->bound = exact ? 0 : sqrt(3) / 2 * step;
-    for (l->bits = 0; ldexp(1, l->bits) < floor(extent / step + 0.5) + 2; l->bits++) {
-    }
-    return PBS_OK;
-}
-
-static void choose_colours(take *t) {
-    uint16_t most = 0;
-    for (size_t c = 0; c < t->cloud_count; c++) {
-        t->out->colours |= t->clouds[c].colour != PBS_CLOUD_NO_COLOUR;
-        most = t->bounds[c].colour > most ? t->bounds[c].colour : most;
-    }
-    /* One answer for all files: a dark tile is not a file of 8 bits. */
-    for (size_t c = 0; c < t->cloud_count; c++)
-        t->maps[c].colour_shift = t->clouds[c].colour == PBS_CLOUD_COLOUR_8    ? 0
-                                  : t->clouds[c].colour == PBS_CLOUD_COLOUR_16 ? 8
-                                  : most > 255                                 ? 8
-                                                                               : 0;
-}
-
-/* ---- points, batch by batch ---- */
-
-static pbs_code next_batch(void *ctx, void *slot, bool *end, pbs_err *err) {
-    take *t = ctx;
-    batch *b = slot;
-    while (t->cloud < t->cloud_count && t->next == t->clouds[t->cloud].count)
-        t->cloud++, t->next = 0;
-    if ((*end = t->cloud == t->cloud_count)) return PBS_OK;
-    uint64_t left = t->clouds[t->cloud].count - t->next;
-    b->cloud = &t->clouds[t->cloud];
-    b->map = &t->maps[t->cloud];
-    b->first = t->next;
-    b->count = left < BATCH ? (size_t)left : BATCH;
-    t->next += b->count;
-    return pbs_run_check(t->run, err);
-}
-
-/* In the box that was measured, so 0 .. 2^bits - 1 but for rounding. */
+/* In the box that was measured, so 0 .. most but for rounding. */
 static inline uint32_t quantise(double v, double most, int shift) {
     v += 0.5;
     return (uint32_t)(int64_t)(v > 0 ? v < most ? v : most : 0) >> shift;
 }
 
-/* A part of a batch: numbers to steps, and where they are. */
-static pbs_code take_part(const take *t, batch *b, size_t at, size_t n, pbs_err *err) {
-    const map *m = b->map;
+static void take_values(const take *t, batch *b, bool colours, size_t n) {
+    const pbs_cloud_map *m = &t->maps[b->cloud];
     const pbs_cloud_lattice *l = &t->out->lattice;
     const double most = ldexp(1, l->bits + l->shift) - 1;
-    bool colours = t->at && b->cloud->colour != PBS_CLOUD_NO_COLOUR;
-    const bool all_finite = !t->bounds[b->cloud - t->clouds].bad;
-    pbs_code rc =
-        pbs_cloud_read(b->cloud, b->first + at, n, b->value, colours ? b->colour : NULL, err);
-    for (size_t i = 0; i < n && !rc; i++) {
+    const bool all_finite = !t->bounds[b->cloud].bad;
+    for (size_t i = 0; i < n; i++) {
         const double *v = b->value[i];
         if (!all_finite && !finite3(v)) continue;
         pbs_clod_raw *r = &b->raw[b->taken];
@@ -276,89 +134,283 @@ static pbs_code take_part(const take *t, batch *b, size_t at, size_t n, pbs_err 
         for (int k = 0; colours && k < 3; k++)
             r->colour[k] = (uint8_t)(b->colour[i][k] >> m->colour_shift);
         uint32_t place = pbs_clod_place(&t->grid, r->q);
-        b->key[b->taken] = (uint64_t)(t->at ? t->grid.cell[place] : place) << 16 | b->taken;
-        b->taken++;
+        b->cell[b->taken++] = t->kind == TAKE ? t->grid.cell[place] : place;
+    }
+}
+
+/* The same for integers that stay what they are. */
+static inline void steps_of(const uint8_t *p, const uint32_t plus[3], uint32_t most, int shift,
+                            uint32_t q[3]) {
+    memcpy(q, p, 12);
+    for (int k = 0; k < 3; k++) {
+        uint32_t v = q[k] + plus[k];
+        q[k] = (v < most ? v : most) >> shift;
+    }
+}
+
+static void count_records(const take *t, batch *b, const uint8_t *p, size_t n) {
+    const pbs_cloud_lattice *l = &t->out->lattice;
+    const uint32_t most = (uint32_t)(UINT64_C(1) << (l->bits + l->shift)) - 1;
+    const size_t stride = t->clouds[b->cloud].stride;
+    const uint32_t *plus = t->maps[b->cloud].plus;
+    uint32_t *place = b->cell + b->taken, q[3];
+    for (size_t i = 0; i < n; i++, p += stride) {
+        steps_of(p, plus, most, l->shift, q);
+        place[i] = pbs_clod_place(&t->grid, q);
+    }
+    b->taken += n;
+}
+
+static void take_records(const take *t, batch *b, const uint8_t *p, size_t n) {
+    const pbs_cloud *c = &t->clouds[b->cloud];
+    const pbs_cloud_map *m = &t->maps[b->cloud];
+    const pbs_cloud_lattice *l = &t->out->lattice;
+    const uint32_t most = (uint32_t)(UINT64_C(1) << (l->bits + l->shift)) - 1;
+    const uint32_t red = c->colour == PBS_CLOUD_NO_COLOUR ? 0 : c->at[3], *cell = t->grid.cell;
+    const int shift = l->shift, by = m->colour_shift;
+    pbs_clod_raw *r = b->raw + b->taken;
+    uint32_t *to = b->cell + b->taken;
+    for (size_t i = 0; i < n; i++, p += c->stride, r++) {
+        uint32_t colour = UINT32_MAX;
+        steps_of(p, m->plus, most, shift, r->q);
+        if (red) {
+            uint64_t v = colour_at(p + red) >> by;
+            colour = 0xff000000 | (uint32_t)(v >> 32 & 255) << 16 | (uint32_t)(v >> 16 & 255) << 8 |
+                     (uint32_t)(v & 255);
+        }
+        for (int k = 0; k < 4; k++) r->colour[k] = (uint8_t)(colour >> 8 * k);
+        to[i] = cell[pbs_clod_place(&t->grid, r->q)];
+    }
+    b->taken += n;
+}
+
+/* ---- batches ---- */
+
+static pbs_code next_batch(void *ctx, void *slot, bool *end, pbs_err *err) {
+    take *t = ctx;
+    batch *b = slot;
+    while (t->cloud < t->cloud_count && t->next == t->clouds[t->cloud].count)
+        t->cloud++, t->next = 0;
+    if ((*end = t->cloud == t->cloud_count)) return PBS_OK;
+    uint64_t left = t->clouds[t->cloud].count - t->next;
+    b->cloud = t->cloud;
+    b->first = t->next;
+    b->count = left < BATCH ? (size_t)left : BATCH;
+    t->next += b->count;
+    return pbs_run_check(t->run, err);
+}
+
+static pbs_code work_values(const take *t, batch *b, pbs_err *err) {
+    const pbs_cloud *c = &t->clouds[b->cloud];
+    bool colours = t->kind == TAKE ? c->colour != PBS_CLOUD_NO_COLOUR
+                                   : t->kind == MEASURE && c->colour == PBS_CLOUD_COLOUR_ANY;
+    pbs_code rc = PBS_OK;
+    for (size_t i = 0, n; i < b->count && !rc; i += n) {
+        n = b->count - i < PART ? b->count - i : PART;
+        rc = pbs_cloud_read(c, b->first + i, n, b->value, colours ? b->colour : NULL, err);
+        if (rc) break;
+        if (t->kind == MEASURE)
+            add_bounds(&b->bounds, (const double(*)[3])b->value,
+                       colours ? (const uint16_t(*)[3])b->colour : NULL, n);
+        else
+            take_values(t, b, colours, n);
     }
     return rc;
 }
 
+static pbs_code work_records(const take *t, batch *b, pbs_err *err) {
+    const pbs_cloud *c = &t->clouds[b->cloud];
+    const size_t most = PIECE / c->stride;
+    pbs_code rc = PBS_OK;
+    for (size_t i = 0, n; i < b->count && !rc; i += n) {
+        const uint8_t *p;
+        n = b->count - i < most ? b->count - i : most;
+        rc = pbs_cloud_records(c, b->first + i, n, b->piece, &p, err);
+        if (rc) break;
+        if (t->kind == MEASURE || t->kind == MEASURE_AND_COUNT)
+            add_record_bounds(&b->bounds, c, p, n);
+        if (t->kind == COUNT || t->kind == MEASURE_AND_COUNT) count_records(t, b, p, n);
+        if (t->kind == TAKE) take_records(t, b, p, n);
+    }
+    return rc;
+}
+
+/* Sorts a batch by its cells, in the order that they come in. */
+static void group(batch *b, uint32_t *seen) {
+    uint32_t at = 0;
+    b->run_count = 0;
+    for (size_t i = 0; i < b->taken; i++)
+        if (!seen[b->cell[i]]++) b->run[b->run_count++].cell = b->cell[i];
+    for (size_t r = 0; r < b->run_count; r++) {
+        uint32_t *n = &seen[b->run[r].cell], first = at;
+        b->run[r].end = at += *n;
+        *n = first;
+    }
+    for (size_t i = 0; i < b->taken; i++) b->sorted[seen[b->cell[i]]++] = b->raw[i];
+    for (size_t r = 0; r < b->run_count; r++) seen[b->run[r].cell] = 0;
+}
+
 static pbs_code work_batch(void *ctx, void *slot, int thread, pbs_err *err) {
-    (void)thread;
     const take *t = ctx;
     batch *b = slot;
-    pbs_code rc = PBS_OK;
+    const pbs_cloud *c = &t->clouds[b->cloud];
     b->taken = 0;
-    for (size_t i = 0; i < b->count && !rc; i += PART)
-        rc = take_part(t, b, i, b->count - i < PART ? b->count - i : PART, err);
-    if (rc || !t->at) return rc;
-    int bits = 0;
-    while (t->out->cells.count >> bits) bits++;
-    pbs_clod_sort(&b->key, &b->other, (uint32_t)b->taken, bits);
-    for (size_t i = 0; i < b->taken; i++) b->sorted[i] = b->raw[b->key[i] & 0xffff];
-    return PBS_OK;
+    b->bounds = PBS_CLOUD_NOTHING;
+    bool whole = c->lattice && (t->kind == MEASURE || t->maps[b->cloud].whole);
+    pbs_code rc = whole ? work_records(t, b, err) : work_values(t, b, err);
+    if (!rc && t->kind == TAKE) group(b, t->seen[thread]);
+    return rc;
 }
 
 /* The points of one cell after those that it has. */
-static pbs_code put_points(take *t, const batch *b, size_t first, size_t end, pbs_err *err) {
-    uint64_t *at = &t->at[b->key[first] >> 16];
-    pbs_code rc = pbs_scratch_write(&t->out->raw, *at * sizeof *b->sorted,
-                                    (end - first) * sizeof *b->sorted, b->sorted + first, err);
-    *at += end - first;
-    return rc;
+static pbs_code put_points(take *t, uint32_t cell, const pbs_clod_raw *points, size_t n,
+                           pbs_err *err) {
+    const pbs_clod_cell *c = &t->out->cells.cell[cell];
+    uint64_t at = t->at[cell];
+    if (at + n > c->first + c->count)
+        return pbs_fail(err, PBS_IO, "the points changed while they were read");
+    t->at[cell] += n;
+    return pbs_scratch_write(&t->out->raw, at * sizeof *points, n * sizeof *points, points, err);
 }
 
 static pbs_code sink_batch(void *ctx, void *slot, pbs_err *err) {
+    static const char *const name[] = {"bounds", "cells", "bounds", "points"};
     take *t = ctx;
     const batch *b = slot;
     pbs_code rc = PBS_OK;
-    if (!t->at)
-        for (size_t i = 0; i < b->taken; i++) t->grid.count[b->key[i] >> 16]++;
-    else
-        for (size_t i = 0, end; i < b->taken && !rc; i = end) {
-            for (end = i + 1; end < b->taken && b->key[end] >> 16 == b->key[i] >> 16;) end++;
-            rc = put_points(t, b, i, end, err);
-        }
+    if (t->kind == MEASURE || t->kind == MEASURE_AND_COUNT)
+        pbs_cloud_bounds_merge(&t->bounds[b->cloud], &b->bounds);
+    if (t->kind == COUNT || t->kind == MEASURE_AND_COUNT)
+        for (size_t i = 0; i < b->taken; i++) t->grid.count[b->cell[i]]++;
+    if (t->kind == TAKE)
+        for (size_t r = 0, first = 0; r < b->run_count && !rc; first = b->run[r++].end)
+            rc = put_points(t, b->run[r].cell, b->sorted + first, b->run[r].end - first, err);
     t->done += b->count;
     pbs_trim_now(&t->out->trim);
-    pbs_run_progress(t->run, t->at ? "points" : "cells", t->done, t->all);
+    pbs_run_progress(t->run, name[t->kind], t->done, t->all);
     return rc;
 }
 
-static pbs_code batch_new(pbs_run *run, batch *b, pbs_err *err) {
+static pbs_code batch_new(const take *t, batch *b, pbs_err *err) {
     const char *what = "a batch of points";
+    const size_t n = t->all < BATCH ? (size_t)t->all : BATCH;
     memset(b, 0, sizeof *b);
-    pbs_code rc = pbs_alloc(run, &b->value, PART, sizeof *b->value, what, err);
-    if (!rc) rc = pbs_alloc(run, &b->colour, PART, sizeof *b->colour, what, err);
-    if (!rc) rc = pbs_alloc(run, &b->raw, BATCH, sizeof *b->raw, what, err);
-    if (!rc) rc = pbs_alloc(run, &b->sorted, BATCH, sizeof *b->sorted, what, err);
-    if (!rc) rc = pbs_alloc(run, &b->key, BATCH, sizeof *b->key, what, err);
-    if (!rc) rc = pbs_alloc(run, &b->other, BATCH, sizeof *b->other, what, err);
+    pbs_code rc = pbs_alloc(t->run, &b->piece, PIECE, 1, what, err);
+    if (!rc) rc = pbs_alloc(t->run, &b->value, PART, sizeof *b->value, what, err);
+    if (!rc) rc = pbs_alloc(t->run, &b->colour, PART, sizeof *b->colour, what, err);
+    if (!rc) rc = pbs_alloc(t->run, &b->raw, n, sizeof *b->raw, what, err);
+    if (!rc) rc = pbs_alloc(t->run, &b->sorted, n, sizeof *b->sorted, what, err);
+    if (!rc) rc = pbs_alloc(t->run, &b->cell, n, sizeof *b->cell, what, err);
+    if (!rc) rc = pbs_alloc(t->run, &b->run, n, sizeof *b->run, what, err);
     return rc;
 }
 
 static void batch_free(pbs_run *run, batch *b) {
+    pbs_free(run, b->piece);
     pbs_free(run, b->value);
     pbs_free(run, b->colour);
     pbs_free(run, b->raw);
     pbs_free(run, b->sorted);
-    pbs_free(run, b->key);
-    pbs_free(run, b->other);
+    pbs_free(run, b->cell);
+    pbs_free(run, b->run);
 }
 
-static pbs_code pass(take *t, batch *slots, int count, pbs_err *err) {
+static pbs_code pass(take *t, pass_kind kind, pbs_err *err) {
     pbs_pipe pipe = {.ctx = t,
                      .source = next_batch,
                      .work = work_batch,
                      .sink = sink_batch,
-                     .slots = slots,
-                     .slot_size = sizeof *slots,
-                     .slot_count = count};
+                     .slots = t->slots,
+                     .slot_size = sizeof *t->slots,
+                     .slot_count = t->slot_count};
+    t->kind = kind;
     t->cloud = 0;
     t->next = t->done = 0;
     return pbs_pipe_run(t->run, &pipe, err);
 }
 
-/* ---- all ---- */
+/* ---- bounds and counts ---- */
+
+static pbs_code choose(take *t, const pbs_cloud_bounds *bounds, pbs_err *err) {
+    return pbs_cloud_lattice_choose(t->clouds, t->cloud_count, bounds, t->all, &t->out->lattice,
+                                    t->maps, err);
+}
+
+static pbs_code new_grid(take *t, pbs_err *err) {
+    int bits = t->out->lattice.bits;
+    return pbs_clod_grid_new(t->run, bits, pbs_cloud_grid_depth(t->all, bits), &t->grid, err);
+}
+
+static bool all_whole(const take *t) {
+    for (size_t c = 0; c < t->cloud_count; c++)
+        if (!t->maps[c].whole) return false;
+    return true;
+}
+
+/* Whether counting can begin before bounds are known: a grid for the box that files say. */
+static bool guess(take *t) {
+    pbs_err ignored;
+    for (size_t c = 0; c < t->cloud_count; c++) {
+        const pbs_cloud *cloud = &t->clouds[c];
+        if (!cloud->lattice || !(cloud->said_low[0] <= cloud->said_high[0])) return false;
+        t->bounds[c] = PBS_CLOUD_NOTHING;
+        memcpy(t->bounds[c].low, cloud->said_low, sizeof cloud->said_low);
+        memcpy(t->bounds[c].high, cloud->said_high, sizeof cloud->said_high);
+    }
+    if (choose(t, t->bounds, &ignored) || !all_whole(t)) return false;
+    int depth = pbs_cloud_grid_depth(t->all, t->out->lattice.bits);
+    /* Another one may come beside it. */
+    if (((size_t)16 << 3 * depth) > pbs_mem_left(t->run) / 4) return false;
+    return !new_grid(t, &ignored);
+}
+
+/* All values in the box that was guessed. */
+static bool guess_was_right(const take *t, const pbs_cloud_map *maps, int bits) {
+    for (size_t c = 0; c < t->cloud_count; c++)
+        for (int k = 0; k < 3 && t->clouds[c].count; k++)
+            if (t->bounds[c].low[k] + maps[c].add[k] < 0 ||
+                t->bounds[c].high[k] + maps[c].add[k] >= ldexp(1, bits))
+                return false;
+    return true;
+}
+
+static uint32_t gather3(uint32_t v) {
+    uint32_t r = 0;
+    for (int i = 0; i < PBS_CLOD_DEPTH; i++) r |= (v >> 3 * i & 1) << i;
+    return r;
+}
+
+/* Counts of a guessed grid become those of the right one, whose cells are the same. */
+static void move_counts(take *t, const pbs_clod_grid *from, const uint32_t by[3]) {
+    int side = t->grid.bits - t->grid.depth;
+    for (uint32_t i = 0; i < (uint32_t)1 << 3 * from->depth; i++) {
+        if (!from->count[i]) continue;
+        uint32_t q[3];
+        for (int k = 0; k < 3; k++) q[k] = (gather3(i >> k) << side) + by[k];
+        t->grid.count[pbs_clod_place(&t->grid, q)] += from->count[i];
+    }
+}
+
+/* The grid of the lattice, counted, and the bounds; one pass if the guess holds. */
+static pbs_code measure_and_count(take *t, pbs_err *err) {
+    bool guessed = guess(t), right = false;
+    pbs_clod_grid before = t->grid;
+    pbs_cloud_map first = t->maps[0];
+    for (size_t c = 0; c < t->cloud_count; c++) t->bounds[c] = PBS_CLOUD_NOTHING;
+    pbs_code rc = pass(t, guessed ? MEASURE_AND_COUNT : MEASURE, err);
+    memset(&t->grid, 0, sizeof t->grid);
+    if (!rc && guessed) right = guess_was_right(t, t->maps, before.bits);
+    if (!rc) rc = choose(t, t->bounds, err);
+    if (!rc) rc = new_grid(t, err);
+    if (!rc && right && all_whole(t) && t->grid.bits - t->grid.depth == before.bits - before.depth) {
+        uint32_t by[3];
+        for (int k = 0; k < 3; k++) by[k] = t->maps[0].plus[k] - first.plus[k];
+        move_counts(t, &before, by);
+    } else if (!rc)
+        rc = pass(t, COUNT, err);
+    pbs_clod_grid_free(t->run, &before);
+    return rc;
+}
 
 /* Cells of 2^16 steps hold few points if the lattice is much finer than the cloud: nearly every
  * point would be a node. Then the lattice is made coarser; a point moves by half a step. Files that
@@ -380,72 +432,104 @@ static void coarsen(take *t, uint64_t points) {
     t->grid.bits = l->bits;
 }
 
-static pbs_code count_cells(take *t, batch *slots, int count, pbs_err *err) {
-    int depth = 0, bits = t->out->lattice.bits;
-    while (depth < PBS_CLOD_DEPTH && depth < bits && ldexp(PER_CELL, 2 * depth) < (double)t->all)
-        depth++;
-    pbs_code rc = pbs_clod_grid_new(t->run, bits, depth, &t->grid, err);
-    if (!rc) rc = pass(t, slots, count, err);
-    if (rc) return rc;
-    coarsen(t, t->out->count);
-    return pbs_clod_cells_of(t->run, &t->grid, 0, &t->out->cells, err);
-}
+/* ---- all ---- */
 
 static void trim(void *t) {
     pbs_trim_now(t);
 }
 
-static pbs_code sort_points(take *t, batch *slots, int count, pbs_err *err) {
-    pbs_cloud_points *out = t->out;
-    pbs_clod_cells *cells = &out->cells;
-    pbs_code rc = pbs_scratch_within(t->run, (size_t)out->count, sizeof(pbs_clod_raw), "the points",
-                                     IN_MEMORY, &out->raw, err);
-    if (rc) return rc;
-    if (out->raw.is_file) pbs_trim_add(&out->trim, out->raw.bytes, out->raw.size);
-    rc = pbs_alloc(t->run, &t->at, cells->count, sizeof *t->at, "the cells", err);
-    if (rc) return rc;
-    for (size_t i = 0; i < cells->count; i++) t->at[i] = cells->cell[i].first;
-    rc = pass(t, slots, count, err);
-    pbs_clod_grid_free(t->run, &t->grid);
-    return rc ? rc : pbs_clod_cut(t->run, out->raw.bytes, cells, trim, &out->trim, err);
+/* Room for the points: a file costs a sixth more time. */
+static pbs_code new_room(take *t, pbs_err *err) {
+    pbs_scratch *raw = &t->out->raw;
+    const char *what = "the points";
+    size_t n = (size_t)t->out->count, threads = (size_t)t->run->threads * A_THREAD,
+           left = pbs_mem_left(t->run);
+    size_t most = POINTS > threads ? POINTS - threads : 0;
+    left = left > threads + THE_REST ? left - threads - THE_REST : 0;
+    if (t->out->count > (most < left ? most : left) / sizeof(pbs_clod_raw))
+        return pbs_scratch_file(t->run, n, sizeof(pbs_clod_raw), what, raw, err);
+    *raw = (pbs_scratch){.run = t->run, .fd = -1, .size = n * sizeof(pbs_clod_raw)};
+    return pbs_alloc(t->run, &raw->bytes, raw->size, 1, what, err);
 }
 
-static pbs_code take_all(take *t, batch *slots, int count, pbs_err *err) {
-    pbs_code rc = PBS_OK;
-    for (size_t c = 0; c < t->cloud_count && !rc; c++) {
-        rc = measure_cloud(t, c, slots, err);
-        t->all += t->clouds[c].count;
-        t->out->left_out += t->bounds[c].bad;
+static pbs_code new_places(take *t, pbs_err *err) {
+    const pbs_clod_cells *cells = &t->out->cells;
+    const size_t threads = (size_t)t->run->threads;
+    pbs_code rc = pbs_alloc(t->run, &t->at, cells->count, sizeof *t->at, "the cells", err);
+    for (size_t i = 0; i < cells->count && !rc; i++) t->at[i] = cells->cell[i].first;
+    for (size_t i = 0; i < threads && !rc; i++) {
+        rc = pbs_alloc(t->run, &t->seen[i], cells->count, sizeof **t->seen, "the cells", err);
+        if (!rc) memset(t->seen[i], 0, cells->count * sizeof **t->seen);
     }
+    return rc;
+}
+
+static pbs_code sort_points(take *t, pbs_err *err) {
+    pbs_cloud_points *out = t->out;
+    pbs_code rc = pbs_clod_cells_of(t->run, &t->grid, 0, &out->cells, err);
+    if (!rc) rc = new_room(t, err);
+    if (rc) return rc;
+    if (out->raw.is_file) pbs_trim_add(&out->trim, out->raw.bytes, out->raw.size);
+    rc = new_places(t, err);
+    if (!rc) rc = pass(t, TAKE, err);
+    pbs_clod_grid_free(t->run, &t->grid);
+    return rc ? rc : pbs_clod_cut(t->run, out->raw.bytes, &out->cells, trim, &out->trim, err);
+}
+
+static pbs_code take_all(take *t, pbs_err *err) {
+    pbs_code rc = measure_and_count(t, err);
+    if (rc) return rc;
+    for (size_t c = 0; c < t->cloud_count; c++) t->out->left_out += t->bounds[c].bad;
     t->out->count = t->all - t->out->left_out;
-    if (!rc) rc = choose_lattice(t, err);
-    if (!rc) choose_colours(t);
-    if (!rc) rc = count_cells(t, slots, count, err);
-    return rc ? rc : sort_points(t, slots, count, err);
+    for (size_t c = 0; c < t->cloud_count; c++)
+        t->out->colours |= t->clouds[c].colour != PBS_CLOUD_NO_COLOUR;
+    pbs_cloud_choose_colours(t->clouds, t->cloud_count, t->bounds, t->maps);
+    coarsen(t, t->out->count);
+    return sort_points(t, err);
+}
+
+static pbs_code take_new(take *t, pbs_err *err) {
+    pbs_run *run = t->run;
+    const char *what = "the clouds";
+    const size_t threads = (size_t)run->threads, slots = (size_t)t->slot_count;
+    pbs_code rc = pbs_alloc(run, &t->maps, t->cloud_count, sizeof *t->maps, what, err);
+    if (!rc) memset(t->maps, 0, t->cloud_count * sizeof *t->maps);
+    if (!rc) rc = pbs_alloc(run, &t->bounds, t->cloud_count, sizeof *t->bounds, what, err);
+    if (!rc) rc = pbs_alloc(run, &t->seen, threads, sizeof *t->seen, what, err);
+    if (!rc) memset(t->seen, 0, threads * sizeof *t->seen);
+    if (!rc) rc = pbs_alloc(run, &t->slots, slots, sizeof *t->slots, what, err);
+    if (!rc) memset(t->slots, 0, slots * sizeof *t->slots);
+    for (size_t i = 0; i < slots && !rc; i++) rc = batch_new(t, &t->slots[i], err);
+    return rc;
+}
+
+static void take_free(take *t) {
+    for (int i = 0; i < t->slot_count && t->slots; i++) batch_free(t->run, &t->slots[i]);
+    for (int i = 0; i < t->run->threads && t->seen; i++) pbs_free(t->run, t->seen[i]);
+    pbs_free(t->run, t->slots);
+    pbs_free(t->run, t->seen);
+    pbs_free(t->run, t->maps);
+    pbs_free(t->run, t->bounds);
+    pbs_free(t->run, t->at);
+    pbs_clod_grid_free(t->run, &t->grid);
 }
 
 pbs_code pbs_cloud_take(pbs_run *run, const pbs_cloud *clouds, size_t count, pbs_cloud_points *p,
                         pbs_err *err) {
-    take t = {.run = run, .clouds = clouds, .cloud_count = count, .out = p};
-    size_t slots = 2 * (size_t)run->threads;
-    batch *batches = NULL;
+    take t = {.run = run,
+              .clouds = clouds,
+              .cloud_count = count,
+              .out = p,
+              .slot_count = 2 * run->threads};
     pbs_trim_open(run, &p->trim);
     if (p->trim.limit > HELD) p->trim.limit = HELD;
-    for (size_t c = 0; c < count; c++) pbs_cloud_trim(&clouds[c], &p->trim);
-    pbs_code rc = pbs_alloc(run, &t.maps, count, sizeof *t.maps, "the clouds", err);
-    if (!rc)
-        rc = pbs_alloc(run, &t.bounds, count + (size_t)run->threads, sizeof *t.bounds, "the clouds",
-                       err);
-    if (!rc) rc = pbs_alloc(run, &batches, slots, sizeof *batches, "the clouds", err);
-    if (!rc) memset(batches, 0, slots * sizeof *batches);
-    for (size_t i = 0; i < slots && !rc; i++) rc = batch_new(run, &batches[i], err);
-    if (!rc) rc = take_all(&t, batches, (int)slots, err);
-    for (size_t i = 0; i < slots && batches; i++) batch_free(run, &batches[i]);
-    pbs_free(run, batches);
-    pbs_free(run, t.maps);
-    pbs_free(run, t.bounds);
-    pbs_free(run, t.at);
-    pbs_clod_grid_free(run, &t.grid);
+    for (size_t c = 0; c < count; c++) {
+        pbs_cloud_trim(&clouds[c], &p->trim);
+        t.all += clouds[c].count;
+    }
+    pbs_code rc = take_new(&t, err);
+    if (!rc) rc = take_all(&t, err);
+    take_free(&t);
     return rc;
 }
 

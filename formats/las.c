@@ -1,5 +1,5 @@
 /* LAS 1.0 to 1.4, point formats 0 to 10: positions and colours; everything else is skipped. The
- * box in the header is not trusted, and so not read. */
+ * box in the header is a hint, and is not trusted. */
 #include "formats/cloud.h"
 #include "formats/wire.h"
 #include <math.h>
@@ -13,6 +13,7 @@ enum {
     COUNT_AT = 107,
     SCALE_AT = 131,
     OFFSET_AT = 155,
+    BOX_AT = 179, /* largest and least x, then y, then z */
     HEADER = 227,
     COUNT64_AT = 247, /* from 1.4 on */
     HEADER_14 = 375,
@@ -44,6 +45,18 @@ static pbs_code check_count(const pbs_cloud *c, uint64_t at, pbs_err *err) {
                     (unsigned long long)c->count, (unsigned long long)there);
 }
 
+static void read_box(pbs_cloud *c) {
+    const uint8_t *h = (const uint8_t *)c->in.bytes + BOX_AT;
+    bool fits = true;
+    for (int k = 0; k < 3; k++) {
+        double a = (pbs_get_f64(h + 16 * k + 8) - c->offset[k]) / c->scale[k],
+               b = (pbs_get_f64(h + 16 * k) - c->offset[k]) / c->scale[k];
+        c->said_low[k] = floor(fmin(a, b) + 0.5), c->said_high[k] = floor(fmax(a, b) + 0.5);
+        fits = fits && c->said_low[k] >= INT32_MIN && c->said_high[k] <= INT32_MAX;
+    }
+    if (!fits) c->said_low[0] = 1, c->said_high[0] = 0;
+}
+
 pbs_code pbs_cloud_las(pbs_cloud *c, pbs_err *err) {
     const uint8_t *h = c->in.bytes;
     if (c->in.size < HEADER) return pbs_fail(err, PBS_DATA, "cut off in the header");
@@ -70,6 +83,7 @@ pbs_code pbs_cloud_las(pbs_cloud *c, pbs_err *err) {
         if (!(fabs(c->scale[k]) > 0) || !isfinite(c->scale[k]))
             return pbs_fail(err, PBS_DATA, "the scale of the coordinates is %g", c->scale[k]);
     }
+    read_box(c);
     c->lattice = true;
     c->colour = format[kind].red ? PBS_CLOUD_COLOUR_ANY : PBS_CLOUD_NO_COLOUR;
     c->at[3] = format[kind].red;

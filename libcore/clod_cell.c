@@ -16,7 +16,6 @@ pbs_code pbs_clod_work_new(pbs_run *run, bool colours, pbs_clod_work *w, pbs_err
     if (!rc) rc = pbs_alloc(run, &w->colour, n, sizeof *w->colour, what, err);
     if (!rc) rc = pbs_alloc(run, &w->q, n, sizeof *w->q, what, err);
     if (!rc) rc = pbs_alloc(run, &w->level, n, sizeof *w->level, what, err);
-    if (!rc) rc = pbs_alloc(run, &w->order, n, sizeof *w->order, what, err);
     if (!rc) rc = pbs_thin_set_new(run, n, colours, &w->kept, err);
     if (!rc) rc = pbs_thin_set_new(run, n, colours, &w->next, err);
     if (!rc) rc = pbs_thin_set_new(run, n, colours, &w->rejected, err);
@@ -32,7 +31,6 @@ void pbs_clod_work_free(pbs_run *run, pbs_clod_work *w) {
     pbs_free(run, w->colour);
     pbs_free(run, w->q);
     pbs_free(run, w->level);
-    pbs_free(run, w->order);
     pbs_thin_set_free(run, &w->kept);
     pbs_thin_set_free(run, &w->next);
     pbs_thin_set_free(run, &w->rejected);
@@ -42,18 +40,13 @@ void pbs_clod_work_free(pbs_run *run, pbs_clod_work *w) {
 
 /* ---- Morton order: keys of 48 bits, and 16 bits of where the point was ---- */
 
-static inline uint64_t spread(uint64_t v) {
-    v = (v | v << 16) & 0x0000ff0000ffull;
-    v = (v | v << 8) & 0x00f00f00f00full;
-    v = (v | v << 4) & 0x0c30c30c30c3ull;
-    return (v | v << 2) & 0x249249249249ull;
+static inline uint32_t spread8(uint32_t v) {
+    v = (v | v << 8) & 0x00f00f;
+    v = (v | v << 4) & 0x0c30c3;
+    return (v | v << 2) & 0x249249;
 }
-static inline uint32_t gather3(uint64_t v) {
-    v &= 0x249249249249ull;
-    v = (v | v >> 2) & 0x0c30c30c30c3ull;
-    v = (v | v >> 4) & 0x00f00f00f00full;
-    v = (v | v >> 8) & 0x0000ff0000ffull;
-    return (uint32_t)((v | v >> 16) & 0xffff);
+static inline uint64_t spread(const uint32_t *of_byte, uint32_t v) {
+    return of_byte[v & 255] | (uint64_t)of_byte[v >> 8] << 24;
 }
 
 static inline i4 select4i(i4 which, i4 yes, i4 no) {
@@ -62,13 +55,16 @@ static inline i4 select4i(i4 which, i4 yes, i4 no) {
 
 static void make_keys(pbs_clod_cell *c, pbs_clod_work *w) {
     i4 low = {INT32_MAX, INT32_MAX, INT32_MAX, INT32_MAX}, high = {0};
+    uint32_t of_byte[256];
+    for (uint32_t v = 0; v < 256; v++) of_byte[v] = spread8(v);
     for (uint32_t i = 0; i < c->count; i++) {
         const uint32_t *q = w->raw[i].q;
         i4 v = *(const i4_at *)(const void *)&w->raw[i]; /* the fourth is its colour */
         low = select4i(v < low, v, low);
         high = select4i(v > high, v, high);
-        uint64_t m = spread(q[0] - c->origin[0]) | spread(q[1] - c->origin[1]) << 1 |
-                     spread(q[2] - c->origin[2]) << 2;
+        uint64_t m = spread(of_byte, q[0] - c->origin[0]) |
+                     spread(of_byte, q[1] - c->origin[1]) << 1 |
+                     spread(of_byte, q[2] - c->origin[2]) << 2;
         w->key[i] = m << 16 | i;
     }
     memcpy(c->low, &low, sizeof c->low);
@@ -116,18 +112,15 @@ static void take_points(const pbs_clod_cell *c, pbs_clod_work *w) {
     const uint32_t *o = c->origin;
     w->kept.count = 0;
     for (uint32_t i = 0; i < n; i++) {
-        uint64_t m = w->key[i] >> 16;
-        memcpy(w->colour[i], w->raw[w->key[i] & 0xffff].colour, 4);
+        const pbs_clod_raw *r = &w->raw[w->key[i] & 0xffff];
+        memcpy(w->colour[i], r->colour, 4);
         w->level[i] = -1;
-        if (!i || m != w->key[i - 1] >> 16) {
-            uint32_t x = gather3(m), y = gather3(m >> 1), z = gather3(m >> 2);
-            w->q[i][0] = (uint16_t)x, w->q[i][1] = (uint16_t)y, w->q[i][2] = (uint16_t)z;
-            if (sum) memset(sum + 4 * (size_t)w->kept.count, 0, 4 * sizeof *sum);
-            pbs_thin_put(&w->kept, (int32_t)(o[0] + x), (int32_t)(o[1] + y), (int32_t)(o[2] + z),
-                         i);
-        } else
-            memcpy(w->q[i], w->q[i - 1], sizeof *w->q);
-        if (sum) add_colour(sum + 4 * (size_t)(w->kept.count - 1), linear, w->colour[i]);
+        for (int k = 0; k < 3; k++) w->q[i][k] = (uint16_t)(r->q[k] - o[k]);
+        if (!i || (w->key[i] ^ w->key[i - 1]) >> 16) {
+            pbs_thin_put(&w->kept, (int32_t)r->q[0], (int32_t)r->q[1], (int32_t)r->q[2], i);
+            if (sum) memset(sum + 4 * (size_t)(w->kept.count - 1), 0, 4 * sizeof *sum);
+        }
+        if (sum) add_colour(sum + 4 * (size_t)(w->kept.count - 1), linear, r->colour);
     }
 }
 
@@ -210,24 +203,20 @@ void pbs_clod_rest_colour(const pbs_clod_rest *r, uint8_t colour[4]) {
     colour[3] = r->alpha;
 }
 
-/* Places in w->order, by level from the coarsest on, and in Morton order. */
-static void order_levels(pbs_clod_work *w, pbs_clod_cell *c) {
+/* By level from the coarsest on, and in Morton order. */
+static void write_points(const pbs_clod_work *w, pbs_clod_cell *c, pbs_clod_point *out) {
     uint32_t n = (uint32_t)c->count, at[PBS_CLOD_LEVELS], first = 0;
+    uint16_t spacing[PBS_CLOD_LEVELS];
     memset(c->level, 0, sizeof c->level);
     for (uint32_t i = 0; i < n; i++) c->level[w->level[i] + 1]++;
     for (int k = PBS_CLOD_LEVELS; k--; first += (uint32_t)c->level[k]) at[k] = first;
-    for (uint32_t i = 0; i < n; i++) w->order[at[w->level[i] + 1]++] = (uint16_t)i;
-}
-
-static void write_points(const pbs_clod_work *w, const pbs_clod_cell *c, pbs_clod_point *out) {
-    uint16_t spacing[PBS_CLOD_LEVELS];
     for (int k = 0; k < PBS_CLOD_LEVELS - 1; k++) spacing[k] = pbs_clod_spacing(k - 1);
-    for (uint32_t i = 0; i < c->count; i++) {
-        uint32_t s = w->order[i];
-        pbs_clod_point p = {.spacing = spacing[w->level[s] + 1]};
-        memcpy(p.q, w->q[s], sizeof p.q);
-        memcpy(p.colour, w->colour[s], 4);
-        out[i] = p;
+    for (uint32_t i = 0; i < n; i++) {
+        int k = w->level[i] + 1;
+        pbs_clod_point p = {.spacing = spacing[k]};
+        memcpy(p.q, w->q[i], sizeof p.q);
+        memcpy(p.colour, w->colour[i], 4);
+        out[at[k]++] = p;
     }
 }
 
@@ -326,7 +315,6 @@ pbs_code pbs_clod_thin_cell(pbs_run *run, const pbs_clod_store *s, pbs_clod_cell
     take_points(c, w);
     rc = thin(w, (uint32_t)c->count, top, err);
     if (rc) return rc;
-    order_levels(w, c);
     write_points(w, c, out);
     rc = take_rest(run, w, c, out, top, err);
     if (!rc) rc = leave_border(run, w, c, out, err);

@@ -32,7 +32,6 @@ typedef struct pbs_clod_work {
     uint8_t (*colour)[4];
     uint16_t (*q)[3];
     int8_t *level;
-    uint16_t *order;
     pbs_thin_set kept, next, rejected, *last; /* last: what is left */
     pbs_thin thin;
 } pbs_clod_work;

@@ -29,9 +29,23 @@ typedef struct pbs_thin_set {
 
 typedef struct pbs_thin_block {
     int32_t at[3];
-    uint32_t kept, kept_count, tail, tail_count; /* first of them, and how many */
-    uint32_t fixed;                              /* first of a chain, from 1; 0: none */
+    uint32_t kept, kept_count; /* first of them, and how many */
+    uint32_t tail, tail_count;
+    uint32_t fixed; /* first of a chain, from 1; 0: none */
 } pbs_thin_block;
+
+/* Candidates that follow each other in one block. */
+typedef struct pbs_thin_run {
+    uint32_t first, end, rejected, rejected_end; /* rejected: among these */
+    int32_t at[3], min[3], max[3];               /* block; box around them */
+} pbs_thin_run;
+
+/* Points near others, relative to a corner. */
+typedef struct pbs_thin_list {
+    float *at;    /* rows x, y, z, square of the spacing, each of `room` */
+    uint32_t *id; /* of kept ones: which */
+    size_t count, room;
+} pbs_thin_list;
 
 /* Working memory, for one thread at a time. */
 typedef struct pbs_thin {
@@ -39,22 +53,23 @@ typedef struct pbs_thin {
     pbs_thin_block *block;
     size_t block_count, block_room, slot_room;
     uint32_t *slot, slot_mask;
-    pbs_thin_set tail; /* id: exponent of the spacing */
+    uint64_t (*row)[64]; /* 64 x 64 rows of 64 blocks along x, all modulo 64: bits: may be there */
+    pbs_thin_run *runs;
+    size_t run_count, run_room;
+    float *tail; /* squares of spacings of the rejected */
     struct pbs_thin_fixed {
         int32_t at[3], k; /* spacing 2^k */
         uint32_t next;
     } * fixed; /* the caller fills it, up to fixed_count */
     size_t fixed_count, fixed_room;
-    float *near; /* rows x, y, z, square of spacing */
-    uint32_t *near_id;
-    size_t near_count, near_room;
+    pbs_thin_list kept, other, some_kept, some_other; /* near a block, and near a few of it */
 } pbs_thin;
 
 /* Room for sets of up to `room` points. Free it also after an error. */
 pbs_code pbs_thin_new(pbs_run *run, size_t room, pbs_thin *t, pbs_err *err);
 void pbs_thin_free(pbs_thin *t); /* zeroed by = {0} is fine */
 
-/* A set with arrays for `room` points (and eight, that are read with the last), and back. */
+/* A set with arrays for `room` points (and sixteen, that are read with the last), and back. */
 pbs_code pbs_thin_set_new(pbs_run *run, size_t room, bool colours, pbs_thin_set *s, pbs_err *err);
 void pbs_thin_set_free(pbs_run *run, pbs_thin_set *s);
 

@@ -1,7 +1,6 @@
-/* thin.c once more, with the instructions of AVX2: same source, same bits. */
+/* thin_avx2.c: thin_inner.h, compiled for AVX2. */
 #if defined(__x86_64__) && defined(__GNUC__)
 #pragma GCC target("avx2,bmi,bmi2,popcnt,lzcnt")
 #endif
 #define PBS_THIN_NAME(name) name##_avx2
-#define PBS_THIN_ONCE
-#include "libcore/thin.c"
+#include "libcore/thin_inner.h"
