@@ -189,17 +189,20 @@ my @colours = ('#3573b9', '#c8601a', '#2a8f5a', '#8a5bc7', '#a5791a', '#c04a90')
 # Series: [label, rows]; a cross is the default's (crossed: another word for it), the grey line the
 # Pareto front of all. Drawn as NAME.svg and into the page. better: 'less' or 'more' of y; without it
 # there is no front. linear: y is not logarithmic. names: the member that is written beside a point.
-# more: rows of no series, of which those marked are crossed.
+# more: rows of no series, of which those marked are crossed. each: a front for each series.
 sub plot {
     my ($self, $name, %how) = @_;
     my ($x, $y) = @how{qw(x y)};
-    my $drawn = sub { my $v = shift; defined $v->{$x} && $v->{$x} > 0 && defined $v->{$y} && ($how{linear} || $v->{$y} > 0) };
+    my $drawn = sub { my $v = shift; ($v->{$x} // 0) > 0 && ($v->{$y} // '') =~ /^-?[.\d]/ && ($how{linear} || $v->{$y} > 0) };
     my @series = grep { @{ $_->[1] } } map { [$_->[0], [grep { $drawn->($_) } @{ $_->[1] }]] } @{ $how{series} };
     return unless @series;
     unless (have_gnuplot()) { $self->text("No plot $name: gnuplot is not installed."); return }
     my @all = map { @{ $_->[1] } } @series;
-    my @front = !$how{better} ? () : $how{better} eq 'more' ? pareto([map { { %$_, minus => -$_->{$y} } } @all], $x, 'minus') : pareto(\@all, $x, $y);
-    my @lines = ['Pareto front', \@front, q(with steps lw 5 lc rgb '#b0b0b0')];
+    my ($sign, @lines) = (($how{better} // '') eq 'more' ? -1 : 1);
+    for my $of (!$how{better} ? () : $how{each} ? map({ $_->[1] } @series) : \@all) {
+        my @front = pareto([map { { %$_, price => $sign * $_->{$y} } } @$of], $x, 'price');
+        push @lines, [@lines ? '' : 'Pareto front', \@front, q(with steps lw 5 lc rgb '#b0b0b0')];
+    }
     push @lines, [@{ $series[$_] }, "with linespoints pt 7 ps 0.6 lw 1.5 lc rgb '$colours[$_ % @colours]'"] for 0 .. $#series;
     push @lines, [$how{crossed} // 'default', [grep { ($_->{mark} // '') eq 'default' } @all, grep { $drawn->($_) } @{ $how{more} // [] }], q(with points pt 2 ps 1.6 lw 2 lc rgb '#d02020')];
     push @lines, ['', \@all, q(using 1:2:3 with labels offset 0,0.9 font ',11')] if $how{names};
@@ -231,7 +234,7 @@ sub draw {
     my ($least, $most) = (sort { $a <=> $b } map { map { $_->{$y} } @{ $_->[1] } } @lines)[0, -1];
     my $range = $how->{linear} && $least == $most ? 'set yrange [0:' . (2 * $least || 1) . '];' : '';
     open my $g, '|-', 'gnuplot' or die "gnuplot: $!\n";
-    print $g "set terminal svg size 760,420 dynamic font 'sans,13'; set output ", quoted("$self->{dir}/$name.svg"), "; set logscale $log; $range set grid lc rgb '#cccccc';
+    print $g "set terminal svg size 760,420 dynamic font 'sans,13'; set output ", quoted("$self->{dir}/$name.svg"), "; set logscale $log; $range set format '%g'; set grid lc rgb '#cccccc';
         set key outside top center horizontal noenhanced; set xlabel ", quoted($how->{xlabel}), '; set ylabel ', quoted($how->{ylabel}), '; plot ', join(', ', @plots), "\n";
     return close $g;
 }
@@ -260,7 +263,7 @@ sub page {
 <title>@{[escape($title)]}</title>
 <style>
 :root { color-scheme: light dark; --line: #ccc; --soft: #f4f4f2 }
-body { font: 16px/1.5 sans-serif; max-width: 56rem; margin: 2rem auto; padding: 0 1rem }
+body { font: 16px/1.5 sans-serif; max-width: 62rem; margin: 2rem auto; padding: 0 1rem }
 table { border-collapse: collapse; font-size: 0.82rem; font-variant-numeric: tabular-nums }
 th, td { text-align: right; padding: 0.15rem 0.6rem; border-bottom: 1px solid var(--line); white-space: nowrap }
 th:first-child, td:first-child { text-align: left }

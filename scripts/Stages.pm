@@ -15,7 +15,7 @@ sub new {
     my ($class, $build) = @_;
     $ENV{PATH} = abs_path($build) . "/bin:$ENV{PATH}";
     $ENV{LC_ALL} = 'C';
-    $SIG{$_} = sub { exit 130 } for qw(INT TERM);
+    $SIG{$_} = sub { print STDERR "\nstopped; the same command goes on from here\n"; exit 130 } for qw(INT TERM);
     return bless { work => tempdir(CLEANUP => 1), made => {} }, $class;
 }
 
