@@ -166,6 +166,17 @@ static void print_stat(const pbs_app *app, FILE *f, const struct pbs_stat *s) {
         fprintf(f, "null");
 }
 
+/* "-" is standard error: standard output is for results. Buffered and so in one piece, as several
+ * programs of a pipe share it. */
+static FILE *open_stats(const char *path) {
+    if (strcmp(path, "-")) return fopen(path, "w");
+    int copy = dup(2);
+    FILE *f = copy < 0 ? NULL : fdopen(copy, "w");
+    if (f) setvbuf(f, NULL, _IOFBF, BUFSIZ);
+    if (!f && copy >= 0) close(copy);
+    return f;
+}
+
 static pbs_code write_stats(pbs_app *app, pbs_err *err) {
     add_costs(app);
     for (int i = 0; i < app->stat_count && app->common.verbose; i++) {
@@ -173,16 +184,17 @@ static pbs_code write_stats(pbs_app *app, pbs_err *err) {
         print_stat(app, stderr, &app->stats[i]);
         fprintf(stderr, "\n");
     }
-    if (!app->common.stats) return PBS_OK;
-    FILE *f = fopen(app->common.stats, "w");
-    if (!f) return pbs_fail_errno(err, "%s", app->common.stats);
+    const char *path = app->common.stats;
+    if (!path) return PBS_OK;
+    FILE *f = open_stats(path);
+    if (!f) return pbs_fail_errno(err, "%s", path);
     fprintf(f, "{\"program\": \"%s\", \"version\": \"%s\"", app->tool->name, PBS_VERSION);
     for (int i = 0; i < app->stat_count; i++) {
         fprintf(f, ",\n \"%s\": ", app->stats[i].name);
         print_stat(app, f, &app->stats[i]);
     }
     fprintf(f, "}\n");
-    if (ferror(f) | fclose(f)) return pbs_fail_errno(err, "%s", app->common.stats);
+    if (ferror(f) | fclose(f)) return pbs_fail_errno(err, "%s", path);
     return PBS_OK;
 }
 
