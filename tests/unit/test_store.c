@@ -102,9 +102,9 @@ static pbs_code load(void *ctx, uint32_t item, pbs_blob *out, pbs_err *e) {
 }
 
 static pbs_store *new_store(uint64_t gpu, uint64_t upload, uint64_t host, bool threaded) {
-    pbs_store_desc d = {ITEMS, bytes, gpu, 1 << 24, upload, host, threaded};
+    pbs_store_desc d = {ITEMS, bytes, gpu, 1 << 24, upload, host, threaded, 0};
     pbs_store_source source = {NULL, load};
-    pbs_store_gpu table = {NULL, make, fill, drop};
+    pbs_store_gpu table = {.make = make, .fill = fill, .drop = drop};
     pbs_store *s;
     gpu_has = UINT64_MAX, bad = UINT32_MAX, slow = 0;
     most_in_buffers = filled = 0;
