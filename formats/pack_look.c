@@ -49,12 +49,23 @@ static pbs_code final_bytes(const pbs_pack *p, const pack_look *l, const void **
     return rc;
 }
 
+/* Of a texture the picture counts, and not what its file was called. */
+static void leave_name(const pack_look *l, const void **bytes, size_t *n) {
+    const uint8_t *p = *bytes;
+    if (l->chunk->tag != PBS_TAG_TEXTURE || *n < TEXTURE_FIXED) return;
+    size_t skip = pbs_get_u32(p) < *n - TEXTURE_FIXED ? TEXTURE_FIXED + pbs_get_u32(p) : *n;
+    *bytes = p + skip;
+    *n -= skip;
+}
+
 static pbs_code is_equal(const shelf *s, uint32_t other, const void *bytes, size_t n, bool *equal,
                          pbs_err *err) {
     const void *there;
     size_t size;
     uint8_t *own;
-    pbs_code rc = final_bytes(s->p, &(*s->list)[other], &there, &size, &own, err);
+    const pack_look *l = &(*s->list)[other];
+    pbs_code rc = final_bytes(s->p, l, &there, &size, &own, err);
+    if (!rc) leave_name(l, &there, &size);
     *equal = !rc && size == n && !memcmp(there, bytes, n);
     pbs_free(s->p->run, own);
     return rc;
@@ -68,6 +79,7 @@ static pbs_code shelve(shelf *s, pack_look look, uint32_t *number, pbs_err *err)
     bool found = false;
     pbs_code rc = final_bytes(s->p, &look, &bytes, &n, &own, err);
     if (rc) return rc;
+    leave_name(&look, &bytes, &n);
     pbs_known_node node = {0};
     pbs_digest_add(&node.digest, bytes, n);
     rc = pbs_known_find(&s->known, &node.digest, NULL, &found, number, err);

@@ -435,13 +435,15 @@ static pbs_code build(pbs_store *s, pbs_err *err) {
     return PBS_OK;
 }
 
-/* A few buffers, and no more than there is to put into them. */
+/* A few buffers, and no more than there is to put into them; where there are textures, too, a
+ * buffer does not take their room. */
 static uint64_t block_size(const pbs_store_desc *d) {
-    uint64_t all = 0, size = d->gpu / 8;
+    uint64_t all = 0, size = d->gpu / 8, least = LEAST_BLOCK;
+    if (d->apart && size < least) least = size;
     for (size_t i = 0; i < (d->apart ? d->apart : d->items) && all < size; i++)
         all += d->bytes[i] + PBS_ROOM_ALIGN;
     if (all < size) size = all;
-    if (size < LEAST_BLOCK) size = LEAST_BLOCK;
+    if (size < least) size = least;
     return size < d->largest ? size : d->largest;
 }
 
