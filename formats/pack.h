@@ -29,9 +29,10 @@
  * origin; voxels lose their weights, and nothing else of an input is lost, but CNTS. Channels are
  * those of all inputs together, and what a record lacks is white, rough, not metallic, dark and
  * without a normal (PBS_NO_NORMAL; for voxels 0). Materials and textures are numbered anew, equal
- * ones once; materials whose textures do not come along name none. Nodes that are equal in all that
- * they say and hold and in their children are stored once. The bytes do not depend on the number of
- * threads, nor on the limit of memory.
+ * ones once (of textures the pictures are compared, not the names), and textures that no triangle
+ * shows are left out; materials whose textures do not come along name none. Nodes that are equal in
+ * all that they say and hold and in their children are stored once. The bytes do not depend on the
+ * number of threads, nor on the limit of memory.
  */
 #ifndef PBS_PACK_H
 #define PBS_PACK_H

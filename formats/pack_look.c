@@ -1,4 +1,5 @@
-/* pack_look.c: materials and textures of all inputs: numbered anew, equal ones once. */
+/* pack_look.c: materials and textures of all inputs: numbered anew, equal ones once, and textures
+ * only that are shown. */
 #include "formats/pack_inner.h"
 #include "formats/scene_wire.h"
 #include "formats/wire.h"
@@ -48,12 +49,23 @@ static pbs_code final_bytes(const pbs_pack *p, const pack_look *l, const void **
     return rc;
 }
 
+/* Of a texture the picture counts, and not what its file was called. */
+static void leave_name(const pack_look *l, const void **bytes, size_t *n) {
+    const uint8_t *p = *bytes;
+    if (l->chunk->tag != PBS_TAG_TEXTURE || *n < TEXTURE_FIXED) return;
+    size_t skip = pbs_get_u32(p) < *n - TEXTURE_FIXED ? TEXTURE_FIXED + pbs_get_u32(p) : *n;
+    *bytes = p + skip;
+    *n -= skip;
+}
+
 static pbs_code is_equal(const shelf *s, uint32_t other, const void *bytes, size_t n, bool *equal,
                          pbs_err *err) {
     const void *there;
     size_t size;
     uint8_t *own;
-    pbs_code rc = final_bytes(s->p, &(*s->list)[other], &there, &size, &own, err);
+    const pack_look *l = &(*s->list)[other];
+    pbs_code rc = final_bytes(s->p, l, &there, &size, &own, err);
+    if (!rc) leave_name(l, &there, &size);
     *equal = !rc && size == n && !memcmp(there, bytes, n);
     pbs_free(s->p->run, own);
     return rc;
@@ -67,6 +79,7 @@ static pbs_code shelve(shelf *s, pack_look look, uint32_t *number, pbs_err *err)
     bool found = false;
     pbs_code rc = final_bytes(s->p, &look, &bytes, &n, &own, err);
     if (rc) return rc;
+    leave_name(&look, &bytes, &n);
     pbs_known_node node = {0};
     pbs_digest_add(&node.digest, bytes, n);
     rc = pbs_known_find(&s->known, &node.digest, NULL, &found, number, err);
@@ -101,8 +114,42 @@ static bool is_scenes(const pbs_pack *p, const pack_input *in, const pbs_chunk *
            !memcmp(there, here, (size_t)entry->bytes);
 }
 
-static pbs_code number_tag(shelf *s, int input, uint32_t tag, uint32_t **map, uint32_t *count,
-                           pbs_err *err) {
+/* ---- which textures are needed ---- */
+
+static void need_use(uint8_t *needed, uint32_t textures, const pbs_texture_use *use) {
+    if (use->texture < textures) needed[use->texture] = 1;
+}
+
+/* Those of a material that a triangle has which knows its place in them. */
+static void need_material(const pbs_scene *scene, uint32_t material, uint8_t *needed) {
+    uint32_t n = (uint32_t)scene->texture_count;
+    if (material >= scene->material_count) return;
+    const pbs_material *m = &scene->materials[material];
+    need_use(needed, n, &m->base_texture);
+    need_use(needed, n, &m->material_texture);
+    need_use(needed, n, &m->emissive_texture);
+}
+
+/* One for each texture of the input: whether a triangle shows it. Streams have none. */
+static pbs_code find_needed(const pbs_pack *p, const pack_input *in, uint32_t textures,
+                            uint8_t **needed, pbs_err *err) {
+    const pbs_scene *scene = &in->scene;
+    pbs_code rc = pbs_alloc(p->run, needed, textures, 1, "the list of textures", err);
+    if (rc || !textures) return rc;
+    memset(*needed, in->kind != PACK_SCENE, textures);
+    for (size_t i = 0; i < scene->mesh_count && in->kind == PACK_SCENE; i++) {
+        const pbs_mesh *m = &scene->meshes[i];
+        if (!m->uv) continue;
+        if (!m->triangle_material) need_material(scene, m->material, *needed);
+        for (uint32_t k = 0; k < m->triangles && m->triangle_material; k++)
+            need_material(scene, m->triangle_material[k], *needed);
+    }
+    return PBS_OK;
+}
+
+/* needed: NULL: all of them. */
+static pbs_code number_tag(shelf *s, int input, uint32_t tag, const uint8_t *needed, uint32_t **map,
+                           uint32_t *count, pbs_err *err) {
     const pack_input *in = &s->p->inputs[input];
     uint32_t n = count_tag(in, tag), at = 0;
     pbs_code rc = pbs_alloc(s->p->run, map, n, sizeof **map, "the list of materials", err);
@@ -112,6 +159,11 @@ static pbs_code number_tag(shelf *s, int input, uint32_t tag, uint32_t **map, ui
         if (c->node != at)
             return pbs_fail(err, PBS_DATA, "%s: materials are not in order",
                             pbs_reader_name(in->reader));
+        (*map)[at] = PBS_NONE;
+        if (needed && !needed[at]) {
+            at++;
+            continue;
+        }
         if (!is_scenes(s->p, in, c, at, &(*map)[at]))
             rc = shelve(s, (pack_look){c, in->reader, input}, &(*map)[at], err);
         at++;
@@ -120,21 +172,27 @@ static pbs_code number_tag(shelf *s, int input, uint32_t tag, uint32_t **map, ui
     return rc;
 }
 
+static pbs_code number_textures(shelf *s, int input, pbs_err *err) {
+    pack_input *in = &s->p->inputs[input];
+    uint8_t *needed;
+    pbs_code rc = find_needed(s->p, in, count_tag(in, PBS_TAG_TEXTURE), &needed, err);
+    if (!rc) rc = number_tag(s, input, PBS_TAG_TEXTURE, needed, &in->texture, &in->textures, err);
+    pbs_free(s->p->run, needed);
+    return rc;
+}
+
 /* Textures first, which materials name; then the materials of scenes, which others may share. */
 pbs_code pack_look_number(pbs_pack *p, pbs_err *err) {
     shelf textures = {p, {.run = p->run}, &p->textures, &p->texture_count, &p->texture_cap};
     shelf materials = {p, {.run = p->run}, &p->materials, &p->material_count, &p->material_cap};
     pbs_code rc = PBS_OK;
-    for (int i = 0; i < p->input_count && !rc; i++) {
-        pack_input *in = &p->inputs[i];
-        rc = number_tag(&textures, i, PBS_TAG_TEXTURE, &in->texture, &in->textures, err);
-    }
+    for (int i = 0; i < p->input_count && !rc; i++) rc = number_textures(&textures, i, err);
     for (int scenes = 1; scenes >= 0; scenes--)
         for (int i = 0; i < p->input_count && !rc; i++) {
             pack_input *in = &p->inputs[i];
             if ((in->kind == PACK_SCENE) == scenes)
-                rc =
-                    number_tag(&materials, i, PBS_TAG_MATERIAL, &in->material, &in->materials, err);
+                rc = number_tag(&materials, i, PBS_TAG_MATERIAL, NULL, &in->material,
+                                &in->materials, err);
         }
     pbs_known_free(&textures.known);
     pbs_known_free(&materials.known);

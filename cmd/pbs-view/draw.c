@@ -11,8 +11,9 @@ uint32_t pbs_surfel_size(uint32_t channels) {
 
 static pbs_code build_programs(pbs_canvas *c, pbs_err *err) {
     const pbs_gl_stage mesh[2] = {
-        {GL_VERTEX_SHADER, {PBS_GLSL_VERSION, shade_glsl, mesh_vert_glsl}},
-        {GL_FRAGMENT_SHADER, {PBS_GLSL_VERSION, shade_glsl, mesh_frag_glsl}},
+        {GL_VERTEX_SHADER, {PBS_GLSL_VERSION, shade_glsl, material_glsl, mesh_vert_glsl}},
+        {GL_FRAGMENT_SHADER,
+         {PBS_GLSL_VERSION, "#define TEXTURED\n", shade_glsl, material_glsl, surface_frag_glsl}},
     };
     return pbs_gl_program(c->gl, "mesh", mesh, 2, &c->mesh.program, err);
 }
@@ -95,6 +96,7 @@ void pbs_canvas_free(pbs_canvas *c) {
     pbs_mesh_painter_free(c);
     pbs_voxel_painter_free(c);
     pbs_near_painter_free(c);
+    pbs_wardrobe_free(c);
     pbs_passes_free(c);
     free_target(gl, &c->draw);
     free_target(gl, &c->resolved);

@@ -124,18 +124,22 @@ pbs_code pbs_canvas_voxels(pbs_canvas *canvas, const pbs_cubes *nodes, size_t co
 pbs_code pbs_canvas_seen(pbs_canvas *canvas, bool last, uint64_t *frame, const uint32_t **seen,
                          size_t *count, pbs_err *err);
 
-/* Source geometry that lies in storage buffers: a mesh, of at most 2^16 vertices. */
+/* Source geometry that lies in storage buffers: triangles of a mesh, which has at most 2^16
+ * vertices. */
 typedef struct pbs_placed_mesh {
     GLuint buffer;
-    uint32_t count;    /* triangles */
-    uint32_t material; /* of all, where they have none of their own; PBS_NONE: white */
-    int64_t position, normal, colour, index, triangle_material; /* arrays, as in pbs_mesh: bytes in
-                                                                   the buffer; -1: there is none */
-    double origin[3]; /* that positions are relative to, node's unit */
-    double m[12];     /* node to world */
+    uint32_t first, count; /* triangles */
+    uint32_t material;     /* of all, where they have none of their own; PBS_NONE: white */
+    int64_t position, normal, uv, colour, index, triangle_material; /* arrays, as in pbs_mesh: bytes
+                                                                       in the buffer; -1: there is
+                                                                       none */
+    const pbs_material *look; /* the material of all; NULL, or without uv: they have no textures */
+    GLuint texture[3];        /* of it: base, material, emission; 0: white */
+    double origin[3];         /* that positions are relative to, node's unit */
+    double m[12];             /* node to world */
 } pbs_placed_mesh;
 
-/* Materials without their textures. Two-sided. Errors: PBS_LIMIT, PBS_INTERNAL. */
+/* Two-sided. Errors: PBS_LIMIT, PBS_INTERNAL. */
 pbs_code pbs_canvas_triangles(pbs_canvas *canvas, const pbs_placed_mesh *meshes, size_t count,
                               const pbs_palette *palette, pbs_err *err);
 
@@ -156,7 +160,8 @@ typedef struct pbs_meshes {
     size_t texture_count;
 } pbs_meshes;
 
-/* Errors: PBS_LIMIT for a texture that is too large for the device, and for memory. */
+/* Textures that are too large for the device are drawn with less detail. Errors: PBS_LIMIT for
+ * memory. */
 pbs_code pbs_canvas_meshes(pbs_canvas *canvas, const pbs_meshes *scene, pbs_err *err);
 
 /* The picture onto the window whose context is current; the caller swaps the buffers. */

@@ -1,9 +1,11 @@
 /* draw_internal.h: what the files that draw share: draw.c (target), draw_batch.c (numbers of many
- * nodes at once), draw_disc.c, draw_mesh.c and draw_voxel.c. */
+ * nodes at once), draw_look.c (materials), draw_disc.c, draw_mesh.c, draw_near.c and
+ * draw_voxel.c. */
 #ifndef PBS_DRAW_INTERNAL_H
 #define PBS_DRAW_INTERNAL_H
 
 #include "cmd/pbs-view/draw.h"
+#include "cmd/pbs-view/draw_texture.h"
 
 #define PBS_GLSL_VERSION "#version 450 core\n"
 
@@ -32,8 +34,7 @@ typedef struct material_run {
 } material_run;
 
 typedef struct mesh_painter {
-    GLuint program, vertices, indices, array, white;
-    GLuint sampler[9]; /* 3 * wrap_u + wrap_v */
+    GLuint program, vertices, indices, array;
     /* The mesh that is in the buffers now; valid during one call. */
     const pbs_mesh *uploaded;
     material_run *runs;
@@ -50,10 +51,16 @@ typedef struct voxel_painter {
     GLint batch, note_batch;
 } voxel_painter;
 
-/* Source geometry that is in the GPU's memory. */
+/* Source geometry that is in the GPU's memory. Made when the first comes; 0: not yet. */
 typedef struct near_painter {
-    GLuint program, array;
+    GLuint program, textured, array;
 } near_painter;
+
+/* What stands for textures that are not there, and how textures are looked up. */
+typedef struct wardrobe {
+    GLuint white;      /* 0: nothing has been made yet */
+    GLuint sampler[9]; /* 3 * wrap_u + wrap_v */
+} wardrobe;
 
 /* What was seen, of the last two frames; frame 0: none. */
 typedef struct notes {
@@ -77,6 +84,7 @@ struct pbs_canvas {
     mesh_painter mesh;
     voxel_painter voxel;
     near_painter near;
+    wardrobe wardrobe;
     notes notes[2];
     uint32_t *seen; /* the host's copy */
     size_t seen_cap;
@@ -91,6 +99,7 @@ void pbs_mesh_painter_free(pbs_canvas *c);
 void pbs_disc_painter_free(pbs_canvas *c);
 void pbs_voxel_painter_free(pbs_canvas *c);
 void pbs_near_painter_free(pbs_canvas *c);
+void pbs_wardrobe_free(pbs_canvas *c);
 void pbs_batch_free(pbs_canvas *c);
 void pbs_passes_free(pbs_canvas *c);
 
@@ -105,6 +114,10 @@ static inline void *pbs_batch_block(const pbs_canvas *c, size_t i) {
 
 /* Binds the materials as storage buffer 3; behind them is the one of what has none. */
 pbs_code pbs_canvas_palette(pbs_canvas *c, const pbs_palette *palette, pbs_err *err);
+/* Binds a material's textures (base, material, emission; 0: white) to units 0 to 2, and how they
+ * are looked up, until the undressing. */
+void pbs_canvas_wear(pbs_canvas *c, const pbs_material *m, const GLuint texture[3]);
+void pbs_canvas_undress(const pbs_canvas *c);
 /* Puts the host's pieces, one behind the other, into the stream buffer in place of what was there.
  * (What was drawn from it before keeps its own memory: the driver gives out a new one.) Errors:
  * PBS_LIMIT for more than a storage buffer holds. */

@@ -11,8 +11,6 @@ typedef struct textures {
 } textures;
 
 void pbs_mesh_painter_init(pbs_canvas *c) {
-    static const GLint wrap[3] = {GL_REPEAT, GL_CLAMP_TO_EDGE, GL_MIRRORED_REPEAT};
-    static const uint8_t one[4] = {255, 255, 255, 255};
     const pbs_gl *gl = c->gl;
     mesh_painter *p = &c->mesh;
     gl->CreateBuffers(1, &p->vertices);
@@ -24,16 +22,6 @@ void pbs_mesh_painter_init(pbs_canvas *c) {
     gl->VertexArrayAttribFormat(p->array, 2, 2, GL_FLOAT, GL_FALSE, 0);
     gl->VertexArrayAttribFormat(p->array, 3, 4, GL_UNSIGNED_BYTE, GL_TRUE, 0);
     gl->VertexArrayElementBuffer(p->array, p->indices);
-    gl->CreateTextures(GL_TEXTURE_2D, 1, &p->white);
-    gl->TextureStorage2D(p->white, 1, GL_RGBA8, 1, 1);
-    gl->TextureSubImage2D(p->white, 0, 0, 0, 1, 1, GL_RGBA, GL_UNSIGNED_BYTE, one);
-    gl->CreateSamplers(9, p->sampler);
-    for (int i = 0; i < 9; i++) {
-        gl->SamplerParameteri(p->sampler[i], GL_TEXTURE_WRAP_S, wrap[i / 3]);
-        gl->SamplerParameteri(p->sampler[i], GL_TEXTURE_WRAP_T, wrap[i % 3]);
-        gl->SamplerParameteri(p->sampler[i], GL_TEXTURE_MIN_FILTER, GL_LINEAR_MIPMAP_LINEAR);
-        gl->SamplerParameteri(p->sampler[i], GL_TEXTURE_MAG_FILTER, GL_LINEAR);
-    }
 }
 
 void pbs_mesh_painter_free(pbs_canvas *c) {
@@ -43,73 +31,53 @@ void pbs_mesh_painter_free(pbs_canvas *c) {
     gl->DeleteBuffers(1, &p->vertices);
     gl->DeleteBuffers(1, &p->indices);
     gl->DeleteVertexArrays(1, &p->array);
-    gl->DeleteTextures(1, &p->white);
-    gl->DeleteSamplers(9, p->sampler);
     pbs_free(c->run, p->runs);
     pbs_free(c->run, p->order);
     pbs_free(c->run, p->index);
     pbs_free(c->run, p->corner);
 }
 
-static int levels(uint32_t w, uint32_t h) {
-    int n = 1;
-    for (uint32_t side = w > h ? w : h; side > 1; side /= 2) n++;
-    return n;
-}
-
 static pbs_code make_texture(const pbs_canvas *c, const pbs_image *image, bool srgb, GLuint *out,
                              pbs_err *err) {
     const pbs_gl *gl = c->gl;
-    GLsizei w = (GLsizei)image->width, h = (GLsizei)image->height;
-    uint32_t largest = (uint32_t)gl->max_texture;
-    if (image->width > largest || image->height > largest)
-        return pbs_fail(err, PBS_LIMIT, "texture of %u x %u pixels: %s takes up to %u x %u",
-                        image->width, image->height, gl->device, largest, largest);
-    gl->CreateTextures(GL_TEXTURE_2D, 1, out);
-    gl->TextureStorage2D(*out, levels(image->width, image->height),
-                         srgb ? GL_SRGB8_ALPHA8 : GL_RGBA8, w, h);
-    gl->PixelStorei(GL_UNPACK_ALIGNMENT, 4);
-    gl->TextureSubImage2D(*out, 0, 0, 0, w, h, GL_RGBA, GL_UNSIGNED_BYTE, image->rgba);
-    gl->GenerateTextureMipmap(*out);
+    pbs_mips mips;
+    uint8_t *chain;
+    pbs_code rc = pbs_mips_make(c->run, image, srgb, (uint32_t)gl->max_texture, UINT64_MAX, &mips,
+                                &chain, err);
+    if (rc || !chain) return rc;
+    *out = pbs_gl_texture_new(gl, &mips);
+    pbs_gl_texture_fill(gl, *out, &mips, 0, chain, pbs_mips_bytes(&mips));
+    pbs_free(c->run, chain);
     return pbs_gl_check(gl, "texture", err);
 }
 
-static pbs_code bind_texture(const pbs_canvas *c, textures *t, GLuint unit,
-                             const pbs_texture_use *use, bool srgb, const char *matrix,
-                             pbs_err *err) {
-    const pbs_gl *gl = c->gl;
-    GLuint texture = c->mesh.white;
-    if (use->texture < t->scene->texture_count) {
-        const pbs_image *image = &t->scene->textures[use->texture];
-        GLuint *made = &t->made[2 * (size_t)use->texture + srgb];
-        if (image->rgba && image->width && image->height && !*made) {
-            pbs_code code = make_texture(c, image, srgb, made, err);
-            if (code) return code;
-        }
-        if (*made) texture = *made;
-    }
-    int u = use->wrap_u < 3 ? use->wrap_u : 0, v = use->wrap_v < 3 ? use->wrap_v : 0;
-    gl->BindTextureUnit(unit, texture);
-    gl->BindSampler(unit, c->mesh.sampler[3 * u + v]);
-    gl->UniformMatrix3x2fv(gl->GetUniformLocation(c->mesh.program, matrix), 1, GL_TRUE,
-                           use->transform);
-    return PBS_OK;
+/* The texture of a use, 0: white. */
+static pbs_code texture_of(const pbs_canvas *c, textures *t, const pbs_texture_use *use, bool srgb,
+                           GLuint *out, pbs_err *err) {
+    *out = 0;
+    if (use->texture >= t->scene->texture_count) return PBS_OK;
+    GLuint *made = &t->made[2 * (size_t)use->texture + srgb];
+    pbs_code rc = PBS_OK;
+    if (!*made) rc = make_texture(c, &t->scene->textures[use->texture], srgb, made, err);
+    *out = *made;
+    return rc;
 }
 
-static pbs_code set_material(const pbs_canvas *c, textures *t, uint32_t id, pbs_err *err) {
-    const pbs_gl *gl = c->gl;
-    GLuint program = c->mesh.program;
+/* textured: the mesh has coordinates for them. */
+static pbs_code set_material(pbs_canvas *c, textures *t, uint32_t id, bool textured, pbs_err *err) {
     pbs_material m = PBS_MATERIAL_DEFAULT;
+    GLuint texture[3] = {0};
+    pbs_code rc = PBS_OK;
     if (id < t->scene->material_count) m = t->scene->materials[id];
-    gl->Uniform4fv(gl->GetUniformLocation(program, "base"), 1, m.base);
-    gl->Uniform3fv(gl->GetUniformLocation(program, "emissive"), 1, m.emissive);
-    gl->Uniform2f(gl->GetUniformLocation(program, "metal_rough"), m.metallic, m.roughness);
-    gl->Uniform1f(gl->GetUniformLocation(program, "cutoff"),
-                  m.alpha == PBS_ALPHA_MASK ? m.alpha_cutoff : 0);
-    pbs_code code = bind_texture(c, t, 0, &m.base_texture, true, "base_uv", err);
-    if (!code) code = bind_texture(c, t, 1, &m.material_texture, false, "material_uv", err);
-    if (!code) code = bind_texture(c, t, 2, &m.emissive_texture, true, "emissive_uv", err);
-    return code;
+    if (textured) {
+        rc = texture_of(c, t, &m.base_texture, true, &texture[0], err);
+        if (!rc) rc = texture_of(c, t, &m.material_texture, false, &texture[1], err);
+        if (!rc) rc = texture_of(c, t, &m.emissive_texture, true, &texture[2], err);
+    }
+    if (rc) return rc;
+    pbs_canvas_wear(c, &m, texture);
+    c->gl->Uniform1ui(c->gl->GetUniformLocation(c->mesh.program, "number"), id);
+    return PBS_OK;
 }
 
 static int by_material(const void *a, const void *b) {
@@ -251,7 +219,7 @@ static pbs_code draw_mesh(pbs_canvas *c, textures *t, const pbs_draw *draw, pbs_
     for (size_t i = 0; i < p->run_count; i++) {
         const material_run *r = &p->runs[i];
         GLint first = (GLint)(3 * r->first), count = (GLint)(3 * r->count);
-        pbs_code code = set_material(c, t, r->material, err);
+        pbs_code code = set_material(c, t, r->material, draw->mesh->uv != NULL, err);
         if (code) return code;
         if (draw->mesh->normal)
             gl->DrawElements(GL_TRIANGLES, count, GL_UNSIGNED_SHORT, (const char *)0 + 2 * first);
@@ -265,7 +233,11 @@ pbs_code pbs_canvas_meshes(pbs_canvas *c, const pbs_meshes *scene, pbs_err *err)
     const pbs_gl *gl = c->gl;
     textures t = {scene, NULL};
     size_t n = 2 * scene->texture_count;
-    pbs_code code = pbs_alloc(c->run, &t.made, n, sizeof *t.made, "textures", err);
+    const pbs_palette palette = {scene->materials, scene->material_count};
+    c->palette_of = NULL; /* another scene may have had its materials in the same place */
+    pbs_code code = pbs_canvas_palette(c, &palette, err);
+    if (code) return code;
+    code = pbs_alloc(c->run, &t.made, n, sizeof *t.made, "textures", err);
     if (code) return code;
     memset(t.made, 0, n * sizeof *t.made);
     pbs_canvas_view_uniforms(c, c->mesh.program);
@@ -276,8 +248,7 @@ pbs_code pbs_canvas_meshes(pbs_canvas *c, const pbs_meshes *scene, pbs_err *err)
         if (!code) code = draw_mesh(c, &t, &scene->draws[i], err);
     }
     for (size_t i = 0; i < n; i++) gl->DeleteTextures(1, &t.made[i]);
-    /* They would make the textures of others, without mipmaps, incomplete. */
-    for (GLuint unit = 0; unit < 3; unit++) gl->BindSampler(unit, 0);
+    pbs_canvas_undress(c);
     pbs_free(c->run, t.made);
     return code ? code : pbs_gl_check(gl, "meshes", err);
 }

@@ -6,51 +6,25 @@
 typedef struct mesh_params {
     float to_view[3][4], normal_rows[3][4];
     int32_t index, position, normal, colour, triangle_material;
-    uint32_t material, pad[2];
+    uint32_t material;
+    int32_t uv, pad;
 } mesh_params;
 
-typedef struct gpu_material {
-    float base[4], emissive[4], rest[4];
-} gpu_material;
-
-static gpu_material material_of(const pbs_material *m) {
-    gpu_material g = {{m->base[0], m->base[1], m->base[2], m->base[3]},
-                      {m->emissive[0], m->emissive[1], m->emissive[2], 0},
-                      {m->metallic, m->roughness, 0, 0}};
-    if (m->alpha == PBS_ALPHA_MASK) g.rest[2] = m->alpha_cutoff;
-    return g;
-}
-
-pbs_code pbs_canvas_palette(pbs_canvas *c, const pbs_palette *p, pbs_err *err) {
-    const pbs_gl *gl = c->gl;
-    gpu_material *g;
-    if (!c->palette || c->palette_of != p->materials) {
-        pbs_code rc = pbs_alloc(c->run, &g, p->count + 1, sizeof *g, "the materials", err);
-        if (rc) return rc;
-        for (size_t i = 0; i < p->count; i++) g[i] = material_of(&p->materials[i]);
-        g[p->count] = material_of(&PBS_MATERIAL_DEFAULT);
-        if (!c->palette) gl->CreateBuffers(1, &c->palette);
-        gl->NamedBufferData(c->palette, (GLsizeiptr)((p->count + 1) * sizeof *g), g,
-                            GL_STATIC_DRAW);
-        pbs_free(c->run, g);
-        c->palette_of = p->materials;
-    }
-    gl->BindBufferBase(GL_SHADER_STORAGE_BUFFER, 3, c->palette);
-    return pbs_gl_check(gl, "materials", err);
-}
-
-static pbs_code init(pbs_canvas *c, pbs_err *err) {
+static pbs_code init(pbs_canvas *c, bool textured, pbs_err *err) {
+    const char *defines = textured ? "#define TEXTURED\n" : "";
     const pbs_gl_stage stage[2] = {
-        {GL_VERTEX_SHADER, {PBS_GLSL_VERSION, shade_glsl, near_vert_glsl}},
-        {GL_FRAGMENT_SHADER, {PBS_GLSL_VERSION, shade_glsl, near_frag_glsl}},
+        {GL_VERTEX_SHADER, {PBS_GLSL_VERSION, defines, shade_glsl, material_glsl, near_vert_glsl}},
+        {GL_FRAGMENT_SHADER,
+         {PBS_GLSL_VERSION, defines, shade_glsl, material_glsl, surface_frag_glsl}},
     };
-    if (c->near.program) return PBS_OK;
-    c->gl->CreateVertexArrays(1, &c->near.array);
-    return pbs_gl_program(c->gl, "near", stage, 2, &c->near.program, err);
+    GLuint *program = textured ? &c->near.textured : &c->near.program;
+    if (*program) return PBS_OK;
+    return pbs_gl_program(c->gl, "near", stage, 2, program, err);
 }
 
 void pbs_near_painter_free(pbs_canvas *c) {
     c->gl->DeleteProgram(c->near.program);
+    c->gl->DeleteProgram(c->near.textured);
     c->gl->DeleteVertexArrays(1, &c->near.array);
 }
 
@@ -70,24 +44,47 @@ static void fill(const pbs_canvas *c, const pbs_placed_mesh *t, mesh_params *p) 
     p->colour = word_of(t->colour);
     p->triangle_material = word_of(t->triangle_material);
     p->material = t->material;
+    p->uv = word_of(t->uv);
+}
+
+static bool is_textured(const pbs_placed_mesh *t) {
+    return t->look && t->uv >= 0;
+}
+
+/* Those with textures, or those without: each has its program. */
+static pbs_code draw(pbs_canvas *c, const pbs_placed_mesh *meshes, size_t count, bool textured,
+                     pbs_err *err) {
+    bool begun = false;
+    for (size_t i = 0; i < count; i++) {
+        const pbs_placed_mesh *t = &meshes[i];
+        if (is_textured(t) != textured) continue;
+        if (!begun) {
+            pbs_code rc = init(c, textured, err);
+            if (rc) return rc;
+            pbs_canvas_view_uniforms(c, textured ? c->near.textured : c->near.program);
+            begun = true;
+        }
+        if (textured) pbs_canvas_wear(c, t->look, t->texture);
+        pbs_batch_use(c, i);
+        c->gl->BindBufferBase(GL_SHADER_STORAGE_BUFFER, 0, t->buffer);
+        c->gl->DrawArrays(GL_TRIANGLES, (GLint)(3 * t->first), (GLsizei)(3 * t->count));
+        c->calls++;
+    }
+    if (begun && textured) pbs_canvas_undress(c);
+    return PBS_OK;
 }
 
 pbs_code pbs_canvas_triangles(pbs_canvas *c, const pbs_placed_mesh *meshes, size_t count,
                               const pbs_palette *palette, pbs_err *err) {
-    pbs_code rc = count ? init(c, err) : PBS_OK;
-    if (rc || !count) return rc;
-    rc = pbs_batch_begin(c, count, err);
+    if (!count) return PBS_OK;
+    pbs_code rc = pbs_batch_begin(c, count, err);
     if (!rc) rc = pbs_canvas_palette(c, palette, err);
     if (rc) return rc;
     for (size_t i = 0; i < count; i++) fill(c, &meshes[i], pbs_batch_block(c, i));
-    pbs_canvas_view_uniforms(c, c->near.program);
     pbs_batch_send(c, count);
+    if (!c->near.array) c->gl->CreateVertexArrays(1, &c->near.array);
     c->gl->BindVertexArray(c->near.array);
-    for (size_t i = 0; i < count; i++) {
-        pbs_batch_use(c, i);
-        c->gl->BindBufferBase(GL_SHADER_STORAGE_BUFFER, 0, meshes[i].buffer);
-        c->gl->DrawArrays(GL_TRIANGLES, 0, (GLsizei)(3 * meshes[i].count));
-        c->calls++;
-    }
-    return pbs_gl_check(c->gl, "meshes", err);
+    rc = draw(c, meshes, count, false, err);
+    if (!rc) rc = draw(c, meshes, count, true, err);
+    return rc ? rc : pbs_gl_check(c->gl, "meshes", err);
 }

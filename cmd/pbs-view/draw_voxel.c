@@ -40,7 +40,7 @@ typedef struct node_params {
 static pbs_code make_program(pbs_canvas *c, const char *defines, GLuint *out, GLint *batch_at,
                              pbs_err *err) {
     const pbs_gl_stage stage[2] = {
-        {GL_VERTEX_SHADER, {PBS_GLSL_VERSION, shade_glsl, voxel_vert_glsl}},
+        {GL_VERTEX_SHADER, {PBS_GLSL_VERSION, shade_glsl, material_glsl, voxel_vert_glsl}},
         {GL_FRAGMENT_SHADER, {PBS_GLSL_VERSION, defines, voxel_frag_glsl}},
     };
     pbs_code rc = pbs_gl_program(c->gl, "voxel", stage, 2, out, err);
@@ -71,7 +71,6 @@ void pbs_voxel_painter_free(pbs_canvas *c) {
     gl->DeleteVertexArrays(1, &c->voxel.array);
     gl->DeleteBuffers(1, &c->notes[0].buffer);
     gl->DeleteBuffers(1, &c->notes[1].buffer);
-    gl->DeleteBuffers(1, &c->palette);
     pbs_free(c->run, c->seen);
 }
 

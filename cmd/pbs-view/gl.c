@@ -258,7 +258,7 @@ pbs_code pbs_gl_load(pbs_gl *gl, pbs_gl_proc (*get)(const char *name), pbs_err *
 static pbs_code add_stage(const pbs_gl *gl, const char *name, const pbs_gl_stage *stage,
                           GLuint program, pbs_err *err) {
     int parts = 0;
-    while (parts < 4 && stage->part[parts]) parts++;
+    while (parts < 5 && stage->part[parts]) parts++;
     GLuint shader = gl->CreateShader(stage->stage);
     gl->ShaderSource(shader, parts, stage->part, NULL);
     gl->CompileShader(shader);

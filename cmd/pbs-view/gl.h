@@ -104,7 +104,7 @@ void pbs_gl_context_free(pbs_gl_context *context); /* NULL is fine */
 /* A program of stages; the parts of a stage's source are concatenated. */
 typedef struct pbs_gl_stage {
     GLenum stage;        /* GL_VERTEX_SHADER, ... */
-    const char *part[4]; /* GLSL; "#version" stands in the first; unused ones NULL */
+    const char *part[5]; /* GLSL; "#version" stands in the first; unused ones NULL */
 } pbs_gl_stage;
 
 /* *program belongs to the caller: gl->DeleteProgram. name is for messages. Errors:

@@ -8,6 +8,7 @@ layout(std140, binding = 0) uniform Mesh {
     int index;                 // in halves of words; the others in words, -1: absent
     int position, normal, colour, triangle_material;
     uint material;
+    int uv;
 } mesh;
 
 uniform vec3 project;          // x and y scale, near
@@ -15,6 +16,9 @@ uniform vec3 project;          // x and y scale, near
 out vec3 where, normal;
 out vec4 tint;
 flat out uint material;
+#ifdef TEXTURED
+out vec2 base_at, material_at, emissive_at;
+#endif
 
 void main() {
     uint corner = uint(mesh.index) + uint(gl_VertexID);
@@ -36,5 +40,12 @@ void main() {
     material = mesh.material;
     if (mesh.triangle_material >= 0)
         material = word[uint(mesh.triangle_material) + uint(gl_VertexID) / 3u];
+#ifdef TEXTURED
+    uint t = uint(mesh.uv) + 2u * i;
+    vec2 uv = vec2(uintBitsToFloat(word[t]), uintBitsToFloat(word[t + 1u]));
+    base_at = texture_place(material, 0, uv);
+    material_at = texture_place(material, 1, uv);
+    emissive_at = texture_place(material, 2, uv);
+#endif
     gl_Position = vec4(where.xy * project.xy, project.z, -where.z);
 }

@@ -47,7 +47,10 @@ static void drop_buffer(void *ctx, uint32_t buffer) {
 pbs_code pbs_player_new(pbs_run *run, const pbs_archive *a, const pbs_player_desc *desc,
                         pbs_player *p, pbs_err *err) {
     *p = (pbs_player){.run = run, .archive = a, .desc = *desc};
-    return pbs_source_new(run, a, &p->source, err);
+    pbs_code rc = pbs_source_new(run, a, &p->source, err);
+    if (!rc) rc = pbs_player_open_near(p, err);
+    if (rc) pbs_player_free(p);
+    return rc;
 }
 
 void pbs_player_free(pbs_player *p) {
@@ -61,6 +64,10 @@ void pbs_player_free(pbs_player *p) {
     pbs_free(run, p->residents);
     pbs_free(run, p->cubes);
     pbs_free(run, p->near);
+    pbs_free(run, p->ready);
+    pbs_free(run, p->covered);
+    pbs_free(run, p->needs);
+    pbs_free(run, p->wanted_at);
     *p = (pbs_player){0};
 }
 
@@ -73,8 +80,7 @@ static pbs_code start(pbs_player *p, const pbs_canvas *canvas, pbs_err *err) {
     const pbs_archive *a = p->archive;
     uint64_t left = pbs_mem_left(p->run);
     p->gl = pbs_canvas_gl(canvas);
-    pbs_store_desc d = {.items = 2 * a->node_count,
-                        .bytes = p->source.bytes,
+    pbs_store_desc d = {.bytes = p->source.bytes,
                         .gpu = p->desc.gpu ? p->desc.gpu : GPU_DEFAULT,
                         .largest = least(LARGEST, (uint64_t)p->gl->max_storage),
                         .upload = p->desc.upload ? p->desc.upload : UPLOAD_DEFAULT,
@@ -82,11 +88,13 @@ static pbs_code start(pbs_player *p, const pbs_canvas *canvas, pbs_err *err) {
                         .threaded = true};
     if (p->gl->software) d.gpu = least(d.gpu, left / 2);
     pbs_store_source source = {&p->source, pbs_source_load};
-    pbs_store_gpu gpu = {p, make_buffer, fill_buffer, drop_buffer};
+    pbs_store_gpu gpu = {.ctx = p, .make = make_buffer, .fill = fill_buffer, .drop = drop_buffer};
+    pbs_player_textures(p, &d, &gpu);
     pbs_code rc = pbs_store_new(p->run, &d, &source, &gpu, &p->store, err);
     if (rc) return rc;
-    pbs_cut_scene scene = {a->nodes,         a->node_count, p->source.has,
-                           a->placings,      a->moving,     pbs_store_resident(p->store),
+    pbs_cut_scene scene = {a->nodes,         a->node_count,
+                           p->source.has,    a->placings,
+                           a->moving,        p->ready ? p->ready : pbs_store_resident(p->store),
                            p->source.profile};
     return pbs_cut_new(p->run, &scene, &p->cut, err);
 }
@@ -103,7 +111,7 @@ static pbs_code listen(pbs_player *p, pbs_canvas *canvas, pbs_err *err) {
 }
 
 static pbs_code step(pbs_player *p, const pbs_cut_view *view, pbs_err *err) {
-    pbs_code rc = pbs_store_frame(p->store, p->frame.needs, p->frame.need_count, &p->busy, err);
+    pbs_code rc = pbs_player_load(p, &p->busy, err);
     if (!rc) rc = pbs_cut_next(p->cut, view, &p->frame, err);
     if (!rc) p->busy = p->busy || p->frame.missing;
     return rc;
@@ -124,7 +132,7 @@ pbs_code pbs_player_look(pbs_player *p, pbs_canvas *canvas, const pbs_cut_view *
     if (!rc) rc = step(p, view, err);
     while (!rc && first && unseen(p) && pbs_player_measure(p).uploaded < FIRST_FRAME) {
         bool more;
-        rc = pbs_store_frame(p->store, p->frame.needs, p->frame.need_count, &more, err);
+        rc = pbs_player_load(p, &more, err);
         if (rc || !more) break;
         pbs_store_wait(p->store, 0.1);
         if (!(rc = pbs_run_check(p->run, err))) rc = step(p, view, err);
@@ -136,51 +144,16 @@ pbs_code pbs_player_settle(pbs_player *p, pbs_canvas *canvas, const pbs_cut_view
                            pbs_err *err) {
     pbs_code rc = pbs_player_look(p, canvas, view, err);
     for (bool more = true; !rc && more;) {
-        rc = pbs_store_frame(p->store, p->frame.needs, p->frame.need_count, &more, err);
+        rc = pbs_player_load(p, &more, err);
         if (!rc && more) pbs_store_wait(p->store, 0.1);
         if (!rc) rc = pbs_run_check(p->run, err);
         if (!rc) rc = pbs_cut_next(p->cut, view, &p->frame, err);
         /* What has just come may need more below it. */
         bool again = false;
-        if (!rc && !more)
-            rc = pbs_store_frame(p->store, p->frame.needs, p->frame.need_count, &again, err);
+        if (!rc && !more) rc = pbs_player_load(p, &again, err);
         more = more || again;
     }
     return rc;
-}
-
-static pbs_code draw_near(pbs_player *p, pbs_canvas *canvas, pbs_err *err) {
-    const pbs_cut_frame *f = &p->frame;
-    pbs_palette palette = {p->archive->materials, p->archive->material_count};
-    size_t n = 0;
-    for (size_t i = f->first[PBS_CUT_MESH]; i < f->first[PBS_CUT_MESH + 1]; i++) {
-        const pbs_cut_draw *d = &f->draws[i];
-        pbs_region r = pbs_store_where(p->store, PBS_ITEM_MESH(d->node));
-        size_t parts;
-        pbs_archive_list(p->archive, d->node, PBS_SORT_MESHES, &parts);
-        pbs_code rc = pbs_grow(p->run, &p->near, &p->near_cap, n + parts, sizeof *p->near,
-                               "the list of what is drawn", err);
-        if (rc) return rc;
-        for (size_t k = 0; k < parts; k++) {
-            const pbs_mesh_part *m = &p->source.parts[d->node][k];
-            int64_t at = (int64_t)r.at;
-            pbs_placed_mesh *t = &p->near[n++];
-            *t = (pbs_placed_mesh){r.buffer,
-                                   m->triangles,
-                                   m->material,
-                                   at + m->position,
-                                   m->normal < 0 ? -1 : at + m->normal,
-                                   m->colour < 0 ? -1 : at + m->colour,
-                                   at + m->index,
-                                   m->triangle_material < 0 ? -1 : at + m->triangle_material,
-                                   {0},
-                                   {0}};
-            memcpy(t->origin, p->archive->nodes[d->node].origin, sizeof t->origin);
-            memcpy(t->m, d->m, sizeof t->m);
-            p->triangles += m->triangles;
-        }
-    }
-    return pbs_canvas_triangles(canvas, p->near, n, &palette, err);
 }
 
 static void describe_voxels(const pbs_player *p, const pbs_cut_draw *d, pbs_cubes *out) {
@@ -226,7 +199,7 @@ static pbs_code draw_voxels(pbs_player *p, pbs_canvas *canvas, pbs_cut_kind kind
 pbs_code pbs_player_draw(pbs_player *p, pbs_canvas *canvas, const pbs_cut_view *view,
                          pbs_err *err) {
     p->voxels = p->triangles = p->replaced = p->points = p->visible = 0;
-    pbs_code rc = draw_near(p, canvas, err);
+    pbs_code rc = pbs_player_near(p, canvas, err);
     if (!rc) rc = draw_voxels(p, canvas, PBS_CUT_VOXELS, view->occlusion, err);
     if (!rc) rc = pbs_player_surfels(p, canvas, view, err);
     if (!rc && view->occlusion) rc = draw_voxels(p, canvas, PBS_CUT_PROBE, true, err);

@@ -4,6 +4,7 @@
 #define PBS_PLAYER_H
 
 #include "cmd/pbs-view/draw.h"
+#include "cmd/pbs-view/draw_texture.h"
 #include "cmd/pbs-view/passes.h"
 #include "cmd/pbs-view/source.h"
 
@@ -36,6 +37,13 @@ typedef struct pbs_player {
     pbs_placed_mesh *near;
     size_t resident_cap, surfel_cap, cube_cap, near_cap;
     pbs_cut_frame frame; /* the last one */
+    /* player_near.c; NULL where the archive has no textures */
+    uint8_t *ready;      /* of each item of a node: it can be drawn, with its textures */
+    uint8_t *covered;    /* of each node: something stands for its mesh */
+    pbs_cut_need *needs; /* of the last frame, with textures */
+    size_t need_count, need_cap;
+    uint64_t *wanted_at; /* of each texture's item: the list of needs that it is in */
+    uint64_t want_number;
     /* of the last frame */
     bool busy; /* another frame would show more: something is still to be loaded or uploaded */
     uint64_t voxels, triangles, calls;
@@ -63,6 +71,16 @@ pbs_code pbs_player_draw(pbs_player *p, pbs_canvas *canvas, const pbs_cut_view *
 /* A part of it: discs, splats, and points of clouds. */
 pbs_code pbs_player_surfels(pbs_player *p, pbs_canvas *canvas, const pbs_cut_view *view,
                             pbs_err *err);
+
+/* ---- player_near.c ---- */
+
+pbs_code pbs_player_open_near(pbs_player *p, pbs_err *err);
+/* What the store is to know of textures. */
+void pbs_player_textures(pbs_player *p, pbs_store_desc *desc, pbs_store_gpu *gpu);
+/* pbs_store_frame, with what the last cut needs and its textures. */
+pbs_code pbs_player_load(pbs_player *p, bool *busy, pbs_err *err);
+/* Draws source geometry. */
+pbs_code pbs_player_near(pbs_player *p, pbs_canvas *canvas, pbs_err *err);
 
 /* Of the GPU's memory and the loader; zeros before the first frame. */
 pbs_store_stats pbs_player_measure(const pbs_player *p);

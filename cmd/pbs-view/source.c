@@ -7,10 +7,6 @@ static const uint32_t channels[] = {PBS_POSITION, PBS_NORMAL,   PBS_COLOUR,
                                     PBS_MATERIAL, PBS_EMISSIVE, PBS_FACE};
 enum { CHANNELS = sizeof channels / sizeof *channels };
 
-static uint64_t rounded(uint64_t n) {
-    return (n + 63) / 64 * 64;
-}
-
 static uint64_t count_of(const pbs_archive *a, uint32_t node, pbs_sort sort) {
     size_t n;
     uint64_t sum = 0;
@@ -57,7 +53,7 @@ static uint64_t mesh_bytes(const pbs_archive *a, uint32_t node) {
     size_t n;
     uint64_t sum = 0;
     const uint32_t *list = pbs_archive_list(a, node, PBS_SORT_MESHES, &n);
-    for (size_t i = 0; i < n; i++) sum += rounded(pbs_archive_bytes(a, list[i]));
+    for (size_t i = 0; i < n; i++) sum += pbs_source_rounded(pbs_archive_bytes(a, list[i]));
     return sum;
 }
 
@@ -70,19 +66,27 @@ static void look(pbs_source *s) {
         s->bytes[PBS_ITEM_OWN(i)] = own_bytes(s, i);
         s->bytes[PBS_ITEM_MESH(i)] = mesh_bytes(a, i);
     }
+    for (uint32_t i = 0; i < a->texture_count; i++)
+        for (int srgb = 0; srgb < 2; srgb++)
+            s->bytes[pbs_source_texture(s, i, srgb)] = pbs_source_guess(s, i);
 }
 
 pbs_code pbs_source_new(pbs_run *run, const pbs_archive *a, pbs_source *s, pbs_err *err) {
     const char *what = "the table of nodes";
-    size_t n = a->node_count;
-    *s = (pbs_source){.run = run, .archive = a};
+    size_t n = a->node_count, textures = 2 * a->texture_count;
+    *s = (pbs_source){.run = run,
+                      .archive = a,
+                      .items = 2 * n + textures,
+                      .largest_side = UINT32_MAX,
+                      .largest_texture = UINT64_MAX};
     pbs_code rc = pbs_alloc(run, &s->has, n, 1, what, err);
-    if (!rc) rc = pbs_alloc(run, &s->bytes, 2 * n, sizeof *s->bytes, what, err);
+    if (!rc) rc = pbs_alloc(run, &s->bytes, s->items, sizeof *s->bytes, what, err);
     if (!rc) rc = pbs_alloc(run, &s->face_colours, n, sizeof *s->face_colours, what, err);
     if (!rc) rc = pbs_alloc(run, &s->profile, n, sizeof *s->profile, what, err);
     if (!rc) memset(s->profile, 0, n * sizeof *s->profile);
-    if (!rc) rc = pbs_alloc(run, &s->parts, n, sizeof *s->parts, what, err);
-    if (!rc) memset(s->parts, 0, n * sizeof *s->parts);
+    if (!rc) rc = pbs_alloc(run, &s->mesh, n, sizeof *s->mesh, what, err);
+    if (!rc) memset(s->mesh, 0, n * sizeof *s->mesh);
+    if (!rc) rc = pbs_alloc(run, &s->mips, textures, sizeof *s->mips, what, err);
     if (rc) {
         pbs_source_free(s);
         return rc;
@@ -95,12 +99,13 @@ pbs_code pbs_source_new(pbs_run *run, const pbs_archive *a, pbs_source *s, pbs_e
 void pbs_source_free(pbs_source *s) {
     size_t n = s->archive ? s->archive->node_count : 0;
     for (size_t i = 0; i < n && s->profile; i++) pbs_free(s->run, s->profile[i]);
-    for (size_t i = 0; i < n && s->parts; i++) pbs_free(s->run, s->parts[i]);
+    for (size_t i = 0; i < n && s->mesh; i++) pbs_source_free_mesh(s->run, s->mesh[i]);
     pbs_free(s->run, s->has);
     pbs_free(s->run, s->bytes);
     pbs_free(s->run, s->face_colours);
     pbs_free(s->run, s->profile);
-    pbs_free(s->run, s->parts);
+    pbs_free(s->run, s->mesh);
+    pbs_free(s->run, s->mips);
     *s = (pbs_source){0};
 }
 
@@ -190,50 +195,14 @@ static pbs_code load_voxels(pbs_source *s, uint32_t node, uint8_t *to, pbs_err *
     return rc;
 }
 
-static int64_t place_of(const pbs_fetched *f, const void *array, uint64_t at) {
-    return array ? (int64_t)at + ((const uint8_t *)array - (const uint8_t *)f->chunk.payload) : -1;
-}
-
-static pbs_mesh_part part_of(const pbs_fetched *f, uint64_t at) {
-    const pbs_mesh *m = &f->mesh;
-    return (pbs_mesh_part){.vertices = m->vertices,
-                           .triangles = m->triangles,
-                           .material = m->material,
-                           .position = place_of(f, m->position, at),
-                           .normal = place_of(f, m->normal, at),
-                           .uv = place_of(f, m->uv, at),
-                           .colour = place_of(f, m->colour, at),
-                           .index = place_of(f, m->index, at),
-                           .triangle_material = place_of(f, m->triangle_material, at)};
-}
-
-static pbs_code load_mesh(pbs_source *s, uint32_t node, uint8_t *to, pbs_err *err) {
-    const pbs_archive *a = s->archive;
-    size_t n;
-    uint64_t at = 0;
-    const uint32_t *list = pbs_archive_list(a, node, PBS_SORT_MESHES, &n);
-    pbs_mesh_part *parts = s->parts[node];
-    pbs_code rc = parts ? PBS_OK : pbs_alloc(s->run, &parts, n, sizeof *parts, "meshes", err);
-    s->parts[node] = parts;
-    for (size_t i = 0; i < n && !rc; i++) {
-        pbs_fetched f;
-        rc = pbs_archive_fetch(a, list[i], &f, err);
-        if (rc) break;
-        memcpy(to + at, f.chunk.payload, (size_t)f.chunk.bytes);
-        parts[i] = part_of(&f, at);
-        at += rounded(pbs_archive_bytes(a, list[i]));
-        pbs_archive_release(a, &f);
-    }
-    return rc;
-}
-
 pbs_code pbs_source_load(void *ctx, uint32_t item, pbs_blob *out, pbs_err *err) {
     pbs_source *s = ctx;
     uint32_t node = item / 2;
+    if (node >= s->archive->node_count) return pbs_source_load_texture(s, item, out, err);
     *out = (pbs_blob){.size = (size_t)s->bytes[item]};
     pbs_code rc = pbs_alloc(s->run, &out->bytes, out->size, 1, "a node's data", err);
     if (!rc)
-        rc = item % 2                         ? load_mesh(s, node, out->bytes, err)
+        rc = item % 2                         ? pbs_source_load_mesh(s, node, out->bytes, err)
              : s->has[node] & PBS_HAS_SURFELS ? load_surfels(s, node, out->bytes, err)
                                               : load_voxels(s, node, out->bytes, err);
     if (!rc) return PBS_OK;

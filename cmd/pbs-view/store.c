@@ -27,6 +27,7 @@ typedef struct item {
 
 typedef struct block {
     uint32_t buffer;
+    bool apart;      /* it is one item's own, and no buffer */
     pbs_rooms rooms; /* size 0: not there */
 } block;
 
@@ -47,12 +48,13 @@ struct pbs_store {
     pbs_store_desc desc;
     pbs_store_source source;
     pbs_store_gpu gpu;
+    uint64_t *bytes; /* of each item */
     uint64_t block_size, frame, let_go;
     item *items;
     uint8_t *resident;
     victim *victims; /* scratch */
     block *blocks;
-    size_t block_count, block_cap;
+    size_t block_count, block_cap, newest;
     pbs_store_stats stats;
     pbs_err trouble;
     /* shared with the loader */
@@ -72,14 +74,14 @@ struct pbs_store {
 /* With the lock: whether the next one may be loaded. */
 static bool may_load(const pbs_store *s) {
     if (s->taken == s->queued || s->done_count == QUEUE) return false;
-    return !s->host || s->host + s->desc.bytes[s->queue[s->taken]] <= s->desc.host;
+    return !s->host || s->host + s->bytes[s->queue[s->taken]] <= s->desc.host;
 }
 
 /* With the lock, which is given up while it loads. */
 static void load_one(pbs_store *s) {
     arrival a = {.item = s->queue[s->taken++]};
     s->loading = a.item;
-    uint64_t room = s->desc.bytes[a.item];
+    uint64_t room = s->bytes[a.item];
     s->host += room;
     pthread_mutex_unlock(&s->lock);
     a.err.code = s->source.load(s->source.ctx, a.item, &a.blob, &a.err);
@@ -106,14 +108,29 @@ static void *loader(void *ctx) {
 
 /* ---- the GPU's memory ---- */
 
+static bool is_apart(const pbs_store *s, uint32_t id) {
+    return s->desc.apart && id >= s->desc.apart;
+}
+
+static void drop_block(pbs_store *s, block *b) {
+    s->stats.buffers -= b->rooms.size;
+    if (b->apart)
+        s->gpu.drop_apart(s->gpu.ctx, b->buffer, b->rooms.size);
+    else
+        s->gpu.drop(s->gpu.ctx, b->buffer);
+    pbs_rooms_free(s->run, &b->rooms);
+}
+
 static pbs_code release(pbs_store *s, uint32_t id, pbs_err *err) {
     item *i = &s->items[id];
     if (i->block == NONE) return PBS_OK;
-    pbs_code rc = pbs_rooms_give(s->run, &s->blocks[i->block].rooms, i->at, s->desc.bytes[id], err);
+    block *b = &s->blocks[i->block];
+    pbs_code rc = pbs_rooms_give(s->run, &b->rooms, i->at, s->bytes[id], err);
     if (rc) return rc;
+    if (b->apart) drop_block(s, b);
     i->block = NONE;
     i->done = 0;
-    s->stats.resident -= s->desc.bytes[id];
+    s->stats.resident -= s->bytes[id];
     s->let_go++;
     return PBS_OK;
 }
@@ -130,44 +147,58 @@ static void free_blob(pbs_store *s, item *i) {
 static void drop_empty_blocks(pbs_store *s) {
     for (size_t i = 0; i < s->block_count; i++) {
         block *b = &s->blocks[i];
-        if (!b->rooms.size || b->rooms.used) continue;
-        s->stats.buffers -= b->rooms.size;
-        s->gpu.drop(s->gpu.ctx, b->buffer);
-        pbs_rooms_free(s->run, &b->rooms);
+        if (b->rooms.size && !b->rooms.used) drop_block(s, b);
     }
 }
 
+/* Room in a buffer. */
 static bool find_room(pbs_store *s, uint64_t size, item *i) {
     for (size_t k = 0; k < s->block_count; k++)
-        if (s->blocks[k].rooms.size && pbs_rooms_take(&s->blocks[k].rooms, size, &i->at)) {
+        if (!s->blocks[k].apart && pbs_rooms_take(&s->blocks[k].rooms, size, &i->at)) {
             i->block = (uint32_t)k;
             return true;
         }
     return false;
 }
 
-/* Another buffer that holds at least `size`; *made false: the limit, or the device, says no. */
-static pbs_code add_block(pbs_store *s, uint64_t size, bool *made, pbs_err *err) {
-    uint64_t want = size > s->block_size ? size : s->block_size,
-             left = s->desc.gpu - s->stats.buffers;
+/* A place for another buffer, or a texture. */
+static pbs_code new_block(pbs_store *s, block **out, pbs_err *err) {
     size_t k = 0;
-    *made = false;
-    if (want > left && size <= left) want = left;
-    want &= ~(uint64_t)(PBS_ROOM_ALIGN - 1);
-    if (want > left || want < size) return PBS_OK;
     while (k < s->block_count && s->blocks[k].rooms.size) k++;
     pbs_code rc =
         pbs_grow(s->run, &s->blocks, &s->block_cap, k + 1, sizeof *s->blocks, "the GPU's map", err);
     if (rc) return rc;
-    block *b = &s->blocks[k];
-    if (k == s->block_count) *b = (block){0}, s->block_count++;
-    if (!s->gpu.make(s->gpu.ctx, want, &b->buffer)) return PBS_OK;
+    *out = &s->blocks[k];
+    if (k == s->block_count) s->block_count++;
+    **out = (block){0};
+    return PBS_OK;
+}
+
+/* Another buffer that holds at least `size`, or a texture of that size for the item; *made false:
+ * the limit, or the device, says no. */
+static pbs_code add_block(pbs_store *s, uint32_t id, uint64_t size, bool *made, pbs_err *err) {
+    bool apart = is_apart(s, id);
+    uint64_t want = apart || size > s->block_size ? size : s->block_size,
+             left = s->desc.gpu - s->stats.buffers;
+    block *b;
+    *made = false;
+    if (want > left && size <= left) want = left;
+    want &= ~(uint64_t)(PBS_ROOM_ALIGN - 1);
+    if (want > left || want < size) return PBS_OK;
+    pbs_code rc = new_block(s, &b, err);
+    if (rc) return rc;
+    b->apart = apart;
+    if (!(apart ? s->gpu.make_apart(s->gpu.ctx, id, want, &b->buffer)
+                : s->gpu.make(s->gpu.ctx, want, &b->buffer)))
+        return PBS_OK;
+    s->stats.buffers += want;
     rc = pbs_rooms_new(s->run, want, &b->rooms, err);
     if (rc) {
-        s->gpu.drop(s->gpu.ctx, b->buffer);
+        b->rooms.size = want;
+        drop_block(s, b);
         return rc;
     }
-    s->stats.buffers += want;
+    s->newest = (size_t)(b - s->blocks);
     *made = true;
     return PBS_OK;
 }
@@ -179,14 +210,16 @@ static int by_use(const void *a, const void *b) {
 }
 
 /* Lets go what no need of this frame names, what was unused for longest first, until `size` bytes
- * are free in one place. *found: they are, and i has it. */
-static pbs_code evict(pbs_store *s, uint64_t size, item *i, bool *found, pbs_err *err) {
+ * are free in one place. *found: they are, and the item has it. A texture is none of a buffer's
+ * places: where one goes, or is to come, it is enough that the limit has room. */
+static pbs_code evict(pbs_store *s, uint32_t wanted, uint64_t size, bool *found, pbs_err *err) {
+    bool apart = is_apart(s, wanted), room = false;
     size_t n = 0;
     for (uint32_t k = 0; k < s->desc.items; k++)
         if (s->items[k].block != NONE && s->items[k].used < s->frame)
             s->victims[n++] = (victim){s->items[k].used, k};
     if (n) qsort(s->victims, n, sizeof *s->victims, by_use);
-    for (size_t k = 0; k < n && !*found; k++) {
+    for (size_t k = 0; k < n && !*found && !room; k++) {
         uint32_t id = s->victims[k].item;
         item *old = &s->items[id];
         pbs_code rc = release(s, id, err);
@@ -194,25 +227,34 @@ static pbs_code evict(pbs_store *s, uint64_t size, item *i, bool *found, pbs_err
         s->stats.evicted += old->state == RESIDENT;
         if (old->state == RESIDENT) old->state = ABSENT;
         s->resident[id] = 0;
-        *found = find_room(s, size, i);
+        if (apart) drop_empty_blocks(s);
+        *found = !apart && find_room(s, size, &s->items[wanted]);
+        room = (apart || is_apart(s, id)) && s->desc.gpu - s->stats.buffers >= size;
     }
     return PBS_OK;
+}
+
+/* Room in the block that was made last. */
+static bool take_new(pbs_store *s, uint64_t size, item *i) {
+    if (!pbs_rooms_take(&s->blocks[s->newest].rooms, size, &i->at)) return false;
+    i->block = (uint32_t)s->newest;
+    return true;
 }
 
 /* A place for the item: where one is free; in a new buffer; in the place of others. */
 static pbs_code place(pbs_store *s, uint32_t id, bool *found, pbs_err *err) {
     item *i = &s->items[id];
-    uint64_t size = (s->desc.bytes[id] + PBS_ROOM_ALIGN - 1) & ~(uint64_t)(PBS_ROOM_ALIGN - 1);
+    uint64_t size = (s->bytes[id] + PBS_ROOM_ALIGN - 1) & ~(uint64_t)(PBS_ROOM_ALIGN - 1);
     pbs_code rc = PBS_OK;
-    *found = find_room(s, size, i);
+    *found = !is_apart(s, id) && find_room(s, size, i);
     for (int again = 0; again < 2 && !*found && !rc; again++) {
         bool made;
-        rc = add_block(s, size, &made, err);
-        if (!rc && made) *found = find_room(s, size, i);
-        if (!rc && !*found && !again) rc = evict(s, size, i, found, err);
+        rc = add_block(s, id, size, &made, err);
+        if (!rc && made) *found = take_new(s, size, i);
+        if (!rc && !*found && !again) rc = evict(s, id, size, found, err);
         if (!*found && !again) drop_empty_blocks(s);
     }
-    if (*found) s->stats.resident += s->desc.bytes[id];
+    if (*found) s->stats.resident += s->bytes[id];
     i->refused = !*found;
     i->refused_at = s->let_go;
     return rc;
@@ -222,10 +264,11 @@ static pbs_code place(pbs_store *s, uint32_t id, bool *found, pbs_err *err) {
 
 static void arrive(pbs_store *s, const arrival *a) {
     item *i = &s->items[a->item];
-    bool fits = a->blob.size == s->desc.bytes[a->item];
+    bool fits = a->blob.size && (is_apart(s, a->item) || a->blob.size == s->bytes[a->item]);
     i->blob = a->blob;
     if (a->err.code == PBS_OK && fits) {
         i->state = READY;
+        s->bytes[a->item] = a->blob.size;
         s->stats.loaded++;
         return;
     }
@@ -244,10 +287,10 @@ static void take_arrivals(pbs_store *s) {
         pthread_mutex_lock(&s->lock);
         bool some = s->done_count != 0;
         if (some) a = s->done[--s->done_count];
+        if (some) arrive(s, &a); /* what it says of sizes the loader reads */
         s->stats.host_peak = s->host_peak;
         pthread_mutex_unlock(&s->lock);
         if (!some) return;
-        arrive(s, &a);
         if (s->items[a.item].state == FAILED) free_blob(s, &s->items[a.item]);
     }
 }
@@ -262,7 +305,7 @@ static size_t mark(pbs_store *s, const pbs_cut_need *needs, size_t count) {
     size_t n = 0;
     for (; n < count; n++) {
         uint32_t id = needs[n].item;
-        sum += s->desc.bytes[id];
+        sum += s->bytes[id];
         if (sum > s->desc.gpu / 20 * 19) break;
         s->items[id].used = s->frame;
     }
@@ -271,7 +314,7 @@ static size_t mark(pbs_store *s, const pbs_cut_need *needs, size_t count) {
 
 static pbs_code upload(pbs_store *s, uint32_t id, uint64_t *left, pbs_err *err) {
     item *i = &s->items[id];
-    uint64_t size = s->desc.bytes[id];
+    uint64_t size = s->bytes[id];
     bool found = i->block != NONE;
     pbs_code rc = found ? PBS_OK : place(s, id, &found, err);
     if (rc || !found) {
@@ -281,8 +324,11 @@ static pbs_code upload(pbs_store *s, uint32_t id, uint64_t *left, pbs_err *err) 
         return rc;
     }
     uint64_t some = size - i->done < *left ? size - i->done : *left;
-    s->gpu.fill(s->gpu.ctx, s->blocks[i->block].buffer, i->at + i->done, i->blob.bytes + i->done,
-                some);
+    uint32_t to = s->blocks[i->block].buffer;
+    if (is_apart(s, id))
+        s->gpu.fill_apart(s->gpu.ctx, id, to, i->done, i->blob.bytes + i->done, some);
+    else
+        s->gpu.fill(s->gpu.ctx, to, i->at + i->done, i->blob.bytes + i->done, some);
     i->done += some;
     *left -= some;
     s->stats.uploaded += some;
@@ -330,7 +376,7 @@ static bool ask(pbs_store *s, const pbs_cut_need *needs, size_t count) {
 
 pbs_code pbs_store_frame(pbs_store *s, const pbs_cut_need *needs, size_t count, bool *busy,
                          pbs_err *err) {
-    uint64_t left = s->desc.upload ? s->desc.upload : UINT64_MAX;
+    uint64_t left = (s->desc.upload ? s->desc.upload : UINT64_MAX) & ~(uint64_t)3;
     pbs_code rc = PBS_OK;
     bool waiting = false;
     s->frame++;
@@ -366,19 +412,21 @@ void pbs_store_wait(pbs_store *s, double seconds) {
 static pbs_code build(pbs_store *s, pbs_err *err) {
     const char *what = "the table of what is loaded";
     size_t n = s->desc.items;
-    pbs_code rc = pbs_alloc(s->run, &s->items, n, sizeof *s->items, what, err);
+    pbs_code rc = pbs_alloc(s->run, &s->bytes, n, sizeof *s->bytes, what, err);
+    if (!rc) rc = pbs_alloc(s->run, &s->items, n, sizeof *s->items, what, err);
     if (!rc) rc = pbs_alloc(s->run, &s->resident, n, 1, what, err);
     if (!rc) rc = pbs_alloc(s->run, &s->victims, n, sizeof *s->victims, what, err);
     if (rc) return rc;
     memset(s->resident, 0, n);
+    if (n) memcpy(s->bytes, s->desc.bytes, n * sizeof *s->bytes);
     for (size_t i = 0; i < n; i++) s->items[i] = (item){.block = NONE};
-    for (size_t i = 0; i < n; i++)
-        if (s->desc.bytes[i] > s->desc.largest) {
+    for (size_t i = 0; i < (s->desc.apart ? s->desc.apart : n); i++)
+        if (s->bytes[i] > s->desc.largest) {
             s->items[i].state = FAILED;
             if (!s->stats.failed++)
                 (void)pbs_fail(&s->trouble, PBS_LIMIT,
                                "a node of %llu bytes: the device draws up to %llu from one buffer",
-                               (unsigned long long)s->desc.bytes[i],
+                               (unsigned long long)s->bytes[i],
                                (unsigned long long)s->desc.largest);
         }
     if (s->desc.threaded && pthread_create(&s->thread, NULL, loader, s))
@@ -387,12 +435,15 @@ static pbs_code build(pbs_store *s, pbs_err *err) {
     return PBS_OK;
 }
 
-/* A few buffers, and no more than there is to put into them. */
+/* A few buffers, and no more than there is to put into them; where there are textures, too, a
+ * buffer does not take their room. */
 static uint64_t block_size(const pbs_store_desc *d) {
-    uint64_t all = 0, size = d->gpu / 8;
-    for (size_t i = 0; i < d->items && all < size; i++) all += d->bytes[i] + PBS_ROOM_ALIGN;
+    uint64_t all = 0, size = d->gpu / 8, least = LEAST_BLOCK;
+    if (d->apart && size < least) least = size;
+    for (size_t i = 0; i < (d->apart ? d->apart : d->items) && all < size; i++)
+        all += d->bytes[i] + PBS_ROOM_ALIGN;
     if (all < size) size = all;
-    if (size < LEAST_BLOCK) size = LEAST_BLOCK;
+    if (size < least) size = least;
     return size < d->largest ? size : d->largest;
 }
 
@@ -435,17 +486,27 @@ void pbs_store_free(pbs_store *s, bool buffers) {
     for (uint32_t i = 0; i < s->done_count; i++) pbs_free(s->run, s->done[i].blob.bytes);
     for (size_t i = 0; s->items && i < s->desc.items; i++) pbs_free(s->run, s->items[i].blob.bytes);
     for (size_t i = 0; i < s->block_count; i++) {
-        if (buffers && s->blocks[i].rooms.size) s->gpu.drop(s->gpu.ctx, s->blocks[i].buffer);
+        if (buffers && s->blocks[i].rooms.size) drop_block(s, &s->blocks[i]);
         pbs_rooms_free(s->run, &s->blocks[i].rooms);
     }
     pthread_mutex_destroy(&s->lock);
     pthread_cond_destroy(&s->asked);
     pthread_cond_destroy(&s->arrived);
+    pbs_free(s->run, s->bytes);
     pbs_free(s->run, s->items);
     pbs_free(s->run, s->resident);
     pbs_free(s->run, s->victims);
     pbs_free(s->run, s->blocks);
     pbs_free(s->run, s);
+}
+
+bool pbs_store_awaits(const pbs_store *s, uint32_t id) {
+    const item *i = &s->items[id];
+    return i->state != RESIDENT && can_come(s, i) && i->used == s->frame;
+}
+
+bool pbs_store_failed(const pbs_store *s, uint32_t id) {
+    return s->items[id].state == FAILED;
 }
 
 const uint8_t *pbs_store_resident(const pbs_store *s) {
@@ -454,7 +515,7 @@ const uint8_t *pbs_store_resident(const pbs_store *s) {
 
 pbs_region pbs_store_where(const pbs_store *s, uint32_t id) {
     const item *i = &s->items[id];
-    return (pbs_region){s->blocks[i->block].buffer, i->at, s->desc.bytes[id]};
+    return (pbs_region){s->blocks[i->block].buffer, i->at, s->bytes[id]};
 }
 
 pbs_store_stats pbs_store_measure(const pbs_store *s) {

@@ -23,23 +23,31 @@ typedef struct pbs_store_source {
     pbs_code (*load)(void *ctx, uint32_t item, pbs_blob *out, pbs_err *err);
 } pbs_store_source;
 
-/* Called on the thread of pbs_store_frame. make: false: there is no more memory. */
+/* Called on the thread of pbs_store_frame. make: false: there is no more memory. The second three
+ * are for items that are apart; offsets and sizes are multiples of 4. */
 typedef struct pbs_store_gpu {
     void *ctx;
     bool (*make)(void *ctx, uint64_t bytes, uint32_t *buffer);
     void (*fill)(void *ctx, uint32_t buffer, uint64_t at, const void *bytes, uint64_t size);
     void (*drop)(void *ctx, uint32_t buffer);
+    bool (*make_apart)(void *ctx, uint32_t item, uint64_t bytes, uint32_t *texture);
+    void (*fill_apart)(void *ctx, uint32_t item, uint32_t texture, uint64_t at, const void *bytes,
+                       uint64_t size);
+    void (*drop_apart)(void *ctx, uint32_t texture, uint64_t bytes); /* bytes: as made */
 } pbs_store_gpu;
 
 typedef struct pbs_store_desc {
     size_t items;
-    const uint64_t *bytes; /* of each item; 0: there is none. Borrowed */
+    const uint64_t *bytes; /* of each item; 0: there is none. Of items that are apart: what is
+                              expected, until one has been loaded */
     uint64_t gpu;          /* limit of all buffers together */
     uint64_t largest;      /* of one buffer */
     uint64_t upload;       /* bytes a frame; 0: any */
     uint64_t host;         /* limit of what is loaded and not yet uploaded; one item is always
                               allowed */
     bool threaded;         /* else pbs_store_frame loads itself, which is for tests */
+    size_t apart;          /* items from this number on lie in no buffer, but each is an object of
+                              the GPU's own: a texture. 0: there are none */
 } pbs_store_desc;
 
 typedef struct pbs_store pbs_store;
@@ -53,11 +61,17 @@ void pbs_store_free(pbs_store *s, bool buffers); /* NULL is fine */
 const uint8_t *pbs_store_resident(const pbs_store *s);
 
 typedef struct pbs_region {
-    uint32_t buffer;
+    uint32_t buffer;   /* or texture */
     uint64_t at, size; /* bytes; at is a multiple of 256 */
 } pbs_region;
 /* Of an item that is resident, until the next pbs_store_frame. */
 pbs_region pbs_store_where(const pbs_store *s, uint32_t item);
+
+/* Whether an item is not there, but comes if further frames need it like the last one; else it is
+ * there, or damaged, or not needed, or there is no room. */
+bool pbs_store_awaits(const pbs_store *s, uint32_t item);
+/* Whether it is damaged. */
+bool pbs_store_failed(const pbs_store *s, uint32_t item);
 
 /* Between two frames: takes what was loaded, uploads, and tells the thread what to load next. What
  * the needs name, as far as 95 % of the limit go, stays; of the rest what was unused for longest

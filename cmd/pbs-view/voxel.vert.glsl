@@ -16,12 +16,6 @@ layout(std140, binding = 0) uniform Node {
     uint face_count, face_colours, number;
 } node;
 
-struct Material {
-    vec4 base, emissive;       // linear
-    vec4 rest;                 // metallic, roughness
-};
-layout(std430, binding = 3) readonly buffer Palette { Material materials[]; };
-
 uniform uint batch;            // voxels of an instance
 uniform vec3 project;          // x and y scale, near
 
@@ -48,7 +42,7 @@ void dress(uint i, uint flags, int face, inout vec3 albedo, inout vec2 material,
         albedo = linear_from_srgb(unpackUnorm4x8(a).rgb);
         return;
     }
-    Material m = materials[min(a, uint(materials.length()) - 1u)];
+    Material m = material_of(a);
     albedo = m.base.rgb;
     material = m.rest.xy;
     emissive = m.emissive.rgb;

@@ -1,6 +1,7 @@
 /* Voxels on the canvas: against the same faces as triangles, and what masks, normals and sides do.
  * Needs a GL (Mesa's software will do). */
 #include "cmd/pbs-view/draw.h"
+#include "cmd/pbs-view/draw_texture.h"
 #include "libcore/metrics.h"
 #include "tests/unit/support.h"
 #include "tests/check.h"
@@ -391,6 +392,109 @@ TEST(triangles_out_of_a_buffer) {
     CHECK(covered(&a) > 1000 && fabs(covered(&a) - covered(&b)) < 1e-9);
     pbs_free(&run, a.rgba), pbs_free(&run, b.rgba);
     gl.DeleteBuffers(1, &t.buffer);
+}
+
+/* A texture that comes in small pieces. */
+static GLuint texture_in_pieces(const pbs_image *image, bool srgb, uint64_t piece) {
+    pbs_mips m;
+    uint8_t *chain;
+    must(pbs_mips_make(&run, image, srgb, 1024, UINT64_MAX, &m, &chain, &err), &err);
+    GLuint t = pbs_gl_texture_new(&gl, &m);
+    uint64_t all = pbs_mips_bytes(&m);
+    for (uint64_t at = 0; at < all; at += piece)
+        pbs_gl_texture_fill(&gl, t, &m, at, chain + at, piece < all - at ? piece : all - at);
+    pbs_free(&run, chain);
+    return t;
+}
+
+/* The same with textures, of which a triangle has three, turned and clamped, and the other none. */
+TEST(textured_triangles_out_of_a_buffer) {
+    if (no_gl()) SKIP(err.text);
+    struct {
+        float position[4][3], uv[4][2];
+        uint32_t material[2];
+        uint16_t index[2][3];
+    } b = {{{-1, -1, 0}, {1, -1, 0}, {1, 1, 0}, {-1, 1, 0.5f}},
+           {{0, 0}, {1.5f, 0}, {1.5f, 1}, {-0.25f, 1}},
+           {1, 0},
+           {{0, 1, 2}, {0, 2, 3}}};
+    uint8_t texel[3 * 140];
+    for (int i = 0; i < (int)sizeof texel; i++) texel[i] = (uint8_t)(i * 7 + i / 9 * 40);
+    pbs_image image[3] = {{5, 7, texel}, {7, 5, texel + 140}, {1, 35, texel + 280}};
+    pbs_material m[2] = {PBS_MATERIAL_DEFAULT, PBS_MATERIAL_DEFAULT};
+    pbs_texture_use *use[3] = {&m[0].base_texture, &m[0].material_texture, &m[0].emissive_texture};
+    for (uint32_t i = 0; i < 3; i++) {
+        *use[i] = (pbs_texture_use){i, i > 0, i > 1 ? 2 : 0, {0.5f, 1, 0.1f, -1, 0.5f, 0.2f}};
+        m[0].emissive[i] = 0.2f * (float)i;
+    }
+    m[0].metallic = 0.7f, m[0].alpha = PBS_ALPHA_MASK, m[0].alpha_cutoff = 0.4f;
+    m[1].base[2] = 0.25f;
+    pbs_mesh mesh = {.vertices = 4,
+                     .triangles = 2,
+                     .position = b.position[0],
+                     .uv = b.uv[0],
+                     .triangle_material = b.material,
+                     .index = b.index[0]};
+    pbs_draw draw = {.mesh = &mesh};
+    memcpy(draw.m, PBS_IDENTITY, sizeof draw.m);
+    pbs_meshes scene = {&draw, 1, m, 2, image, 3};
+    pbs_placed_mesh t[2];
+    t[0] = (pbs_placed_mesh){.buffer = buffer_of(&b, sizeof b),
+                             .count = 1,
+                             .position = 0,
+                             .uv = sizeof b.position,
+                             .triangle_material = sizeof b.position + sizeof b.uv,
+                             .index = sizeof b.position + sizeof b.uv + sizeof b.material,
+                             .normal = -1,
+                             .colour = -1};
+    memcpy(t[0].m, PBS_IDENTITY, sizeof t[0].m);
+    t[1] = t[0];
+    t[1].first = 1, t[1].look = &m[0];
+    for (int i = 0; i < 3; i++)
+        t[1].texture[i] = texture_in_pieces(&image[i], i != 1, 4 + 12 * (uint64_t)i);
+    pbs_frame f = frame_of(PBS_IDENTITY);
+    pbs_palette palette = {m, 2};
+    pbs_image expected = shot(&f, NULL, &scene), got = {0};
+    must(pbs_canvas_begin(canvas, &f, &err), &err);
+    must(pbs_canvas_triangles(canvas, t, 2, &palette, &err), &err);
+    CHECK(pbs_canvas_calls(canvas) == 2);
+    must(pbs_canvas_end(canvas, &got, &err), &err);
+    pbs_picture_error e;
+    CHECK(pbs_picture_compare(&run, &expected, &got, &e, &err) == PBS_OK);
+    CHECK_NUM(e.ssim > 0.999 && e.psnr > 45, e.psnr);
+    CHECK(covered(&expected) > 1000 && fabs(covered(&expected) - covered(&got)) < 1e-9);
+    /* Without its textures it looks otherwise: it is they that are compared. */
+    memset(t[1].texture, 0, sizeof t[1].texture);
+    pbs_free(&run, got.rgba);
+    must(pbs_canvas_begin(canvas, &f, &err), &err);
+    must(pbs_canvas_triangles(canvas, t, 2, &palette, &err), &err);
+    must(pbs_canvas_end(canvas, &got, &err), &err);
+    CHECK(pbs_picture_compare(&run, &expected, &got, &e, &err) == PBS_OK);
+    CHECK_NUM(e.psnr < 30, e.psnr);
+    pbs_free(&run, expected.rgba), pbs_free(&run, got.rgba);
+    gl.DeleteBuffers(1, &t[0].buffer);
+}
+
+/* Too large a texture loses its finest levels; each level is the mean of the one below it. */
+TEST(large_textures_are_reduced) {
+    uint8_t texel[64 * 16 * 4], *chain;
+    pbs_image image = {64, 16, texel};
+    pbs_mips m, whole = {64, 16, true};
+    for (size_t i = 0; i < sizeof texel; i++) texel[i] = i % 4 == 3 ? 255 : i / 4 % 2 ? 255 : 0;
+    CHECK(pbs_mips_levels(&whole) == 7);
+    CHECK(pbs_mips_bytes(&whole) == 4 * (1024 + 256 + 64 + 16 + 4 + 2 + 1));
+    must(pbs_mips_make(&run, &image, true, 40, UINT64_MAX, &m, &chain, &err), &err);
+    CHECK(m.width == 32 && m.height == 8 && chain[0] == 188 && chain[3] == 255);
+    pbs_free(&run, chain);
+    must(pbs_mips_make(&run, &image, true, 64, 4 * 90, &m, &chain, &err), &err);
+    CHECK(m.width == 16 && m.height == 4);
+    pbs_free(&run, chain);
+    must(pbs_mips_make(&run, &image, false, 64, 1, &m, &chain, &err), &err);
+    CHECK(m.width == 1 && m.height == 1 && chain[0] == 128);
+    pbs_free(&run, chain);
+    image.rgba = NULL;
+    must(pbs_mips_make(&run, &image, false, 64, 1, &m, &chain, &err), &err);
+    CHECK(m.width == 0 && !chain && pbs_mips_levels(&m) == 0 && pbs_mips_bytes(&m) == 0);
 }
 
 /* Inside of a voxel, in line with its faces, pressed flat, and none at all. */

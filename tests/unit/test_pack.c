@@ -17,22 +17,23 @@ static double chance(uint64_t *seed, double most) {
     return most * (random_bits(seed) / 4294967296.0);
 }
 
-/* salt: of the textures' bytes, so that scenes differ in them. */
+/* salt: of the textures' bytes, so that scenes differ in them. The last material, which has the last
+ * texture, is nowhere. */
 static void add_looks(const maker *m, int salt) {
-    static const char *const name[] = {"red", "green", "blue"};
-    for (int i = 0; i < 2; i++) {
+    static const char *const name[] = {"red", "green", "blue", "unseen"};
+    for (int i = 0; i < 3; i++) {
         char bytes[32], path[8];
         uint32_t id;
         snprintf(path, sizeof path, "%d.png", i);
-        snprintf(bytes, sizeof bytes, "picture %d", i ? salt : 0);
+        snprintf(bytes, sizeof bytes, "picture %d", i ? i * salt : 0);
         must(m->s->texture(m->s->ctx, path, bytes, strlen(bytes), &id, &err), &err);
     }
-    for (uint32_t i = 0; i < 3; i++) {
+    for (uint32_t i = 0; i < 4; i++) {
         pbs_material material = PBS_MATERIAL_DEFAULT;
         uint32_t id;
         material.name = name[i];
         material.base[i] = 0.5f;
-        if (i < 2) material.base_texture.texture = i;
+        if (i != 2) material.base_texture.texture = i < 2 ? i : 2;
         must(m->s->material(m->s->ctx, &material, &id, &err), &err);
     }
 }
@@ -431,9 +432,14 @@ TEST(materials_and_pictures_are_the_same_ones) {
         materials += a.e[i].tag == PBS_TAG_MATERIAL;
         textures += a.e[i].tag == PBS_TAG_TEXTURE;
     }
-    /* red and blue, and picture 0, are shared; green has another picture in each scene. */
+    /* red and blue, and picture 0, are shared; green has another picture in each scene. What is
+     * unseen has lost its picture, and is shared, too. */
     CHECK_NUM(textures == 3, textures);
-    CHECK_NUM(materials == 4, materials);
+    CHECK_NUM(materials == 5, materials);
+    int unseen = 0;
+    for (uint32_t i = 0; i < materials; i++)
+        if (!strncmp(look_of(&a, i, picture), "unseen", 6)) unseen += !*picture;
+    CHECK_NUM(unseen == 1, unseen);
     for (size_t i = 0; i < a.count; i++) {
         pbs_chunk c;
         pbs_mesh mesh;

@@ -59,6 +59,8 @@ static uint32_t loaded[100000]; /* in this order */
 static _Atomic size_t loads;
 static uint32_t bad; /* an item that is damaged */
 static double slow;  /* seconds an item */
+static size_t apart; /* items from here on are textures, of which nobody knew how large they are */
+static uint64_t expected[ITEMS];
 
 static bool make(void *ctx, uint64_t size, uint32_t *out) {
     (void)ctx;
@@ -90,6 +92,22 @@ static void drop(void *ctx, uint32_t id) {
     buffer[id] = NULL;
 }
 
+static bool make_apart(void *ctx, uint32_t item, uint64_t size, uint32_t *out) {
+    CHECK(item >= apart && size >= bytes[item] && size < bytes[item] + 256);
+    return make(ctx, size, out);
+}
+
+static void fill_apart(void *ctx, uint32_t item, uint32_t id, uint64_t at, const void *from,
+                       uint64_t size) {
+    CHECK(item >= apart && at % 4 == 0 && size % 4 == 0 && at + size <= bytes[item]);
+    fill(ctx, id, at, from, size);
+}
+
+static void drop_apart(void *ctx, uint32_t id, uint64_t size) {
+    CHECK(buffer_size[id] == size);
+    drop(ctx, id);
+}
+
 static pbs_code load(void *ctx, uint32_t item, pbs_blob *out, pbs_err *e) {
     (void)ctx;
     if (slow > 0) nanosleep(&(struct timespec){0, (long)(slow * 1e9)}, NULL);
@@ -102,9 +120,10 @@ static pbs_code load(void *ctx, uint32_t item, pbs_blob *out, pbs_err *e) {
 }
 
 static pbs_store *new_store(uint64_t gpu, uint64_t upload, uint64_t host, bool threaded) {
-    pbs_store_desc d = {ITEMS, bytes, gpu, 1 << 24, upload, host, threaded};
+    pbs_store_desc d = {ITEMS, apart ? expected : bytes, gpu, 1 << 24, upload, host, threaded,
+                        apart};
     pbs_store_source source = {NULL, load};
-    pbs_store_gpu table = {NULL, make, fill, drop};
+    pbs_store_gpu table = {NULL, make, fill, drop, make_apart, fill_apart, drop_apart};
     pbs_store *s;
     gpu_has = UINT64_MAX, bad = UINT32_MAX, slow = 0;
     most_in_buffers = filled = 0;
@@ -215,6 +234,44 @@ TEST(more_than_fits_comes_to_rest) {
     CHECK(loads == before && !busy);
     CHECK_NUM(check_bytes(s) > 1500000, check_bytes(s));
     CHECK(pbs_store_resident(s)[0] && !pbs_store_resident(s)[ITEMS - 1]);
+    end(s);
+}
+
+/* Buffers and textures under one limit, and each makes way for the other. */
+TEST(textures_are_objects_of_their_own) {
+    pbs_cut_need n[16];
+    bool busy;
+    sizes(20000, 60000);
+    apart = ITEMS / 2;
+    for (uint32_t i = 0; i < ITEMS; i++) {
+        bytes[i] &= ~(uint64_t)3;
+        expected[i] = i < apart ? bytes[i] : below(2) ? 1 : 100000;
+    }
+    pbs_store *s = new_store(1500000, 50002, 200000, false);
+    for (int turn = 0; turn < 200; turn++) {
+        /* Now all of one sort, now of both. */
+        for (uint32_t i = 0; i < 12; i++) {
+            uint32_t first = turn / 20 % 3 ? 0 : (uint32_t)apart, more = turn / 20 % 3 > 1 ? 2 : 1;
+            n[i] = (pbs_cut_need){(first + more * (uint32_t)turn + i * ITEMS / 24) % ITEMS, i, i};
+        }
+        int frames = 0;
+        for (busy = true; busy && frames < 1000; frames++) {
+            CHECK(pbs_store_frame(s, n, 12, &busy, &err) == PBS_OK);
+            CHECK(in_buffers <= 1500000 && pbs_store_measure(s).uploaded_last <= 50000);
+        }
+        check_bytes(s);
+        CHECK(!busy);
+        uint64_t there = 0;
+        for (uint32_t i = 0; i < 12; i++) {
+            there += pbs_store_resident(s)[n[i].item];
+            CHECK(!pbs_store_awaits(s, n[i].item) && !pbs_store_failed(s, n[i].item));
+        }
+        CHECK_NUM(there == 12, there);
+        for (uint32_t i = (uint32_t)apart; i < ITEMS; i++)
+            CHECK(!pbs_store_resident(s)[i] || pbs_store_where(s, i).at == 0);
+    }
+    CHECK(pbs_store_measure(s).buffers == in_buffers && pbs_store_measure(s).evicted > 100);
+    apart = 0;
     end(s);
 }
 
