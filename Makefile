@@ -137,7 +137,7 @@ $(B)/tests/test_gltf_meshopt: LDLIBS += -lmeshoptimizer
 endif
 # The player's tests have its parts, but not its main.
 player_tests := test_view test_cut test_store test_draw test_draw_voxel test_path test_play test_canvas \
-    test_splat test_reduce
+    test_splat test_reduce test_shaders
 $(player_tests:%=$(B)/tests/%): $(B)/tests/%: $(B)/obj/tests/unit/%.o \
     $(filter-out %/main.o,$(view)) $(B)/libformats.a $(B)/libcore.a
 	@mkdir -p $(@D)

@@ -171,9 +171,13 @@ static GLuint resolve(pbs_canvas *c) {
 
 pbs_code pbs_canvas_present(pbs_canvas *c, pbs_err *err) {
     GLint w = (GLint)c->width, h = (GLint)c->height;
+    GLuint from = resolve(c);
+    /* Bytes as they are: converted, they would be those of a window in linear colours, which many
+     * drivers give where none in sRGB was asked for. */
+    c->gl->Disable(GL_FRAMEBUFFER_SRGB);
     /* The window's first row is the lowest. */
-    c->gl->BlitNamedFramebuffer(resolve(c), 0, 0, 0, w, h, 0, h, w, 0, GL_COLOR_BUFFER_BIT,
-                                GL_NEAREST);
+    c->gl->BlitNamedFramebuffer(from, 0, 0, 0, w, h, 0, h, w, 0, GL_COLOR_BUFFER_BIT, GL_NEAREST);
+    c->gl->Enable(GL_FRAMEBUFFER_SRGB);
     return pbs_gl_check(c->gl, "showing the picture", err);
 }
 

@@ -110,7 +110,7 @@ static void fill(const pbs_canvas *c, const pbs_surfels *node, uint64_t at, uint
 
 static pbs_code check(const pbs_surfels *n, pbs_err *err) {
     uint32_t size = pbs_surfel_size(n->channels), stride = n->stride ? n->stride : size;
-    if (stride < size || stride % 4 || n->at % 4 || n->octave % 4 || n->prefix > UINT32_MAX / 3)
+    if (stride < size || stride % 4 || n->at % 4 || n->octave % 4 || n->prefix > INT32_MAX / 3)
         return pbs_fail(err, PBS_INTERNAL, "surfel records of %u bytes, stride %u", size, stride);
     return PBS_OK;
 }

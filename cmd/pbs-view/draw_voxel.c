@@ -181,6 +181,7 @@ static pbs_code start_notes(pbs_canvas *c, const pbs_voxel_mode *mode, pbs_err *
             n->room = mode->all + mode->all / 2 + 64;
             gl->NamedBufferData(n->buffer, (GLsizeiptr)n->room * 4, NULL, GL_DYNAMIC_READ);
         }
+        gl->MemoryBarrier(GL_BUFFER_UPDATE_BARRIER_BIT); /* nobody may have read it */
         gl->ClearNamedBufferData(n->buffer, GL_R32UI, GL_RED_INTEGER, GL_UNSIGNED_INT, &none);
         n->frame = mode->frame;
         n->count = mode->all;

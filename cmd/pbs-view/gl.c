@@ -38,7 +38,7 @@ struct pbs_gl_context {
     EGLContext context;
 };
 
-enum { MAX_DEVICES = 32 };
+enum { MAX_DEVICES = 32, VERTEX_BLOCKS = 4 };
 
 /* What the user asked for. */
 typedef struct wish {
@@ -90,18 +90,24 @@ static bool has(const char *list, const char *word) {
     return list && strstr(list, word);
 }
 
+bool pbs_gl_debug(void) {
+    const char *wish = getenv("PBS_GL_DEBUG");
+    return wish && *wish;
+}
+
 /* robust: a device that is reset says so, and calls do nothing then, instead of ending the
  * program. */
 static EGLContext create_context(const egl *e, EGLDisplay display, int minor, bool robust) {
-    const EGLint attributes[] = {EGL_CONTEXT_MAJOR_VERSION,
-                                 4,
-                                 EGL_CONTEXT_MINOR_VERSION,
-                                 minor,
-                                 EGL_CONTEXT_OPENGL_PROFILE_MASK,
-                                 EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT,
-                                 robust ? EGL_CONTEXT_OPENGL_RESET_NOTIFICATION_STRATEGY : EGL_NONE,
-                                 EGL_LOSE_CONTEXT_ON_RESET,
-                                 EGL_NONE};
+    EGLint attributes[16] = {EGL_CONTEXT_MAJOR_VERSION,       4,
+                             EGL_CONTEXT_MINOR_VERSION,       minor,
+                             EGL_CONTEXT_OPENGL_PROFILE_MASK, EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT};
+    int n = 6;
+    /* Both are of EGL 1.5; an older one refuses what it does not know. */
+    if (robust) attributes[n++] = EGL_CONTEXT_OPENGL_RESET_NOTIFICATION_STRATEGY;
+    if (robust) attributes[n++] = EGL_LOSE_CONTEXT_ON_RESET;
+    if (pbs_gl_debug()) attributes[n++] = EGL_CONTEXT_OPENGL_DEBUG;
+    if (pbs_gl_debug()) attributes[n++] = EGL_TRUE;
+    attributes[n] = EGL_NONE;
     const EGLint wanted[] = {EGL_RENDERABLE_TYPE, EGL_OPENGL_BIT, EGL_SURFACE_TYPE, 0, EGL_NONE};
     EGLConfig config = EGL_NO_CONFIG_KHR;
     EGLint configs = 0;
@@ -227,6 +233,45 @@ void pbs_gl_context_free(pbs_gl_context *c) {
     free(c);
 }
 
+/* ---- what the driver complains about ---- */
+
+/* Of the context that is current in this thread; the first one stays until it is asked for. */
+static _Thread_local char complaint[400];
+
+static void APIENTRY on_message(GLenum source, GLenum type, GLuint id, GLenum severity,
+                                GLsizei length, const GLchar *text, const void *ctx) {
+    (void)source, (void)id, (void)severity, (void)length, (void)ctx;
+    bool wrong = type == GL_DEBUG_TYPE_ERROR || type == GL_DEBUG_TYPE_UNDEFINED_BEHAVIOR ||
+                 type == GL_DEBUG_TYPE_DEPRECATED_BEHAVIOR || type == GL_DEBUG_TYPE_PORTABILITY;
+    if (wrong && !complaint[0]) snprintf(complaint, sizeof complaint, "%s", text);
+}
+
+/* In a context that is none for debugging a driver need not say anything. */
+static void listen(const pbs_gl *gl) {
+    complaint[0] = 0;
+    if (!pbs_gl_debug()) return;
+    gl->Enable(GL_DEBUG_OUTPUT);
+    gl->Enable(GL_DEBUG_OUTPUT_SYNCHRONOUS);
+    gl->DebugMessageCallback(on_message, NULL);
+}
+
+static pbs_code complained(const char *what, pbs_err *err) {
+    if (!complaint[0]) return PBS_OK;
+    pbs_fail(err, PBS_INTERNAL, "OpenGL: %s: %s", what, complaint);
+    complaint[0] = 0;
+    return PBS_INTERNAL;
+}
+
+/* Of the largest program of each stage; OpenGL promises vertex shaders none. */
+static pbs_code check_limits(const pbs_gl *gl, pbs_err *err) {
+    GLint blocks = 0;
+    gl->GetIntegerv(GL_MAX_VERTEX_SHADER_STORAGE_BLOCKS, &blocks);
+    if (blocks >= VERTEX_BLOCKS) return PBS_OK;
+    return pbs_fail(err, PBS_IO,
+                    "OpenGL: vertex shaders of %s see %d storage buffers: %d are needed",
+                    gl->device, blocks, VERTEX_BLOCKS);
+}
+
 pbs_code pbs_gl_load(pbs_gl *gl, pbs_gl_proc (*get)(const char *name), pbs_err *err) {
     GLint major = 0, minor = 0;
     memset(gl, 0, sizeof *gl);
@@ -252,7 +297,9 @@ pbs_code pbs_gl_load(pbs_gl *gl, pbs_gl_proc (*get)(const char *name), pbs_err *
     gl->GetIntegerv(GL_MAX_TEXTURE_SIZE, &gl->max_texture);
     gl->GetInteger64v(GL_MAX_SHADER_STORAGE_BLOCK_SIZE, &storage);
     gl->max_storage = storage;
-    return pbs_gl_check(gl, "context", err);
+    listen(gl);
+    pbs_code rc = check_limits(gl, err);
+    return rc ? rc : pbs_gl_check(gl, "context", err);
 }
 
 static pbs_code add_stage(const pbs_gl *gl, const char *name, const pbs_gl_stage *stage,
@@ -314,11 +361,12 @@ pbs_code pbs_gl_lost(const pbs_gl *gl, pbs_err *err) {
 
 pbs_code pbs_gl_check(const pbs_gl *gl, const char *what, pbs_err *err) {
     GLenum first = gl->GetError();
-    if (first == GL_NO_ERROR) return PBS_OK;
+    if (first == GL_NO_ERROR) return complained(what, err);
     /* A lost context reports errors for ever. */
     for (int i = 0; i < 16 && gl->GetError() != GL_NO_ERROR; i++) continue;
     if (first == GL_CONTEXT_LOST) return device_lost(gl, gl->GetGraphicsResetStatus(), err);
     if (first == GL_OUT_OF_MEMORY)
         return pbs_fail(err, PBS_LIMIT, "OpenGL: %s: out of memory", what);
+    if (complaint[0]) return complained(what, err);
     return pbs_fail(err, PBS_INTERNAL, "OpenGL: %s: error 0x%04x", what, first);
 }

@@ -6,6 +6,9 @@
  *
  * Calls go through the table: gl->Clear(GL_COLOR_BUFFER_BIT). A table belongs to the thread in
  * which its context is current.
+ *
+ * With PBS_GL_DEBUG in the environment contexts are debug contexts: what the driver says about
+ * errors and about calls whose result is undefined fails the next pbs_gl_check, with its words.
  */
 #ifndef PBS_GL_H
 #define PBS_GL_H
@@ -88,8 +91,12 @@ typedef struct pbs_gl {
 typedef void (*pbs_gl_proc)(void);
 
 /* Fills the table from a context that is current in this thread; get is its GetProcAddress.
- * Errors: PBS_IO if the context is older than OpenGL 4.5. */
+ * Errors: PBS_IO if the context is older than OpenGL 4.5, or its vertex shaders see no storage
+ * buffers, which is allowed. */
 pbs_code pbs_gl_load(pbs_gl *gl, pbs_gl_proc (*get)(const char *name), pbs_err *err);
+
+/* Whether PBS_GL_DEBUG is set and not empty: a window's context should be a debug context then. */
+bool pbs_gl_debug(void);
 
 /* A context without a window, by EGL. */
 typedef struct pbs_gl_context pbs_gl_context;
@@ -116,6 +123,6 @@ pbs_code pbs_gl_program(const pbs_gl *gl, const char *name, const pbs_gl_stage *
  * be drawn with it any more. */
 pbs_code pbs_gl_lost(const pbs_gl *gl, pbs_err *err);
 /* PBS_LIMIT for GL_OUT_OF_MEMORY, as pbs_gl_lost for GL_CONTEXT_LOST, PBS_INTERNAL for another GL
- * error since the last call. */
+ * error since the last call, and in a debug context for what the driver has complained about. */
 pbs_code pbs_gl_check(const pbs_gl *gl, const char *what, pbs_err *err);
 #endif

@@ -422,7 +422,8 @@ pbs_code pbs_reduce_cast(pbs_reduce *r, pbs_canvas *c, const pbs_reduce_options 
     for (int run = 0; run < (r->wide ? 1 : 2); run++) {
         gl->Uniform1i(gl->GetUniformLocation(r->cast_program, "second"), run);
         gl->DispatchComputeIndirect((GLintptr)offsetof(command, groups));
-        gl->MemoryBarrier(GL_SHADER_STORAGE_BARRIER_BIT);
+        /* The next call clears them. */
+        gl->MemoryBarrier(GL_SHADER_STORAGE_BARRIER_BIT | GL_BUFFER_UPDATE_BARRIER_BIT);
     }
     use_points(r, r->light_program, c, o);
     gl->DrawArrays(GL_TRIANGLES, 0, 3);

@@ -101,11 +101,14 @@ void main() {
         float s = 0.0;
         uint w = records.x + i * records.y;
         if (gl_LocalInvocationID.x == 0u) mine = 0u;
+        memoryBarrierShared();
         barrier();
         bool take = i < records.z && wanted(w, i + records.w, c, s);
         if (take) at = atomicAdd(mine, 1u);
+        memoryBarrierShared();
         barrier();
         if (gl_LocalInvocationID.x == 0u) here = mine == 0u ? 0u : atomicAdd(taken, mine);
+        memoryBarrierShared();
         barrier();
         if (take && here + at < most) put(w, c, s, here + at);
     }

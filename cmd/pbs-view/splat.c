@@ -107,6 +107,7 @@ static pbs_code framebuffer(const pbs_splat *s, GLuint *out, GLuint colour, GLui
     gl->NamedFramebufferTexture(*out, GL_DEPTH_ATTACHMENT, depth, 0);
     if (colour) gl->NamedFramebufferTexture(*out, GL_COLOR_ATTACHMENT0, colour, 0);
     if (second) gl->NamedFramebufferTexture(*out, GL_COLOR_ATTACHMENT1, second, 0);
+    gl->NamedFramebufferReadBuffer(*out, colour ? GL_COLOR_ATTACHMENT0 : GL_NONE);
     if (colour)
         gl->NamedFramebufferDrawBuffers(*out, second ? 2 : 1, both);
     else

@@ -8,7 +8,8 @@ static uint64_t key_of(uint64_t key, uint32_t skip) {
 
 pbs_code pbs_splat_reserve(pbs_splat *s, splat_store *store, size_t bytes, pbs_err *err) {
     if (store->room >= bytes && store->buffer) return PBS_OK;
-    size_t room = bytes + bytes / 2 + 256;
+    size_t room = bytes + bytes / 2 + 256, most = (size_t)s->gl->max_storage;
+    if (room > most) room = bytes < most ? most : bytes;
     pbs_code rc = pbs_mem_take(s->run, room, "the lists of splats", err);
     if (rc) return rc;
     pbs_mem_give(s->run, store->room);

@@ -48,6 +48,7 @@ static GLFWwindow *create(const pbs_window *s) {
     s->f.WindowHint(GLFW_CONTEXT_VERSION_MAJOR, 4);
     s->f.WindowHint(GLFW_CONTEXT_VERSION_MINOR, 5);
     s->f.WindowHint(GLFW_OPENGL_PROFILE, GLFW_OPENGL_CORE_PROFILE);
+    s->f.WindowHint(GLFW_OPENGL_DEBUG_CONTEXT, pbs_gl_debug() ? GLFW_TRUE : GLFW_FALSE);
     s->f.WindowHint(GLFW_CONTEXT_ROBUSTNESS, GLFW_LOSE_CONTEXT_ON_RESET);
     GLFWwindow *w = s->f.CreateWindow((int)o->width, (int)o->height, s->title, NULL, NULL);
     if (w) return w;
