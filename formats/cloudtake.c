@@ -16,7 +16,8 @@ enum {
     HELD = 32 << 20,      /* bytes of pages of files */
     POINTS = 208 << 20,   /* bytes of points in memory, and what threads need: else a file */
     A_THREAD = 16 << 20,
-    THE_REST = 24 << 20
+    THE_REST = 24 << 20,
+    REST_IN_MEMORY = 16 << 20
 };
 
 typedef enum pass_kind { MEASURE, COUNT, MEASURE_AND_COUNT, TAKE } pass_kind;
@@ -521,6 +522,7 @@ pbs_code pbs_cloud_take(pbs_run *run, const pbs_cloud *clouds, size_t count, pbs
               .cloud_count = count,
               .out = p,
               .slot_count = 2 * run->threads};
+    p->run = run;
     pbs_trim_open(run, &p->trim);
     if (p->trim.limit > HELD) p->trim.limit = HELD;
     for (size_t c = 0; c < count; c++) {
@@ -530,21 +532,39 @@ pbs_code pbs_cloud_take(pbs_run *run, const pbs_cloud *clouds, size_t count, pbs
     pbs_code rc = take_new(&t, err);
     if (!rc) rc = take_all(&t, err);
     take_free(&t);
+    p->trim.count = 0;
+    for (size_t c = 0; c < count; c++) { /* they are not looked at again */
+        pbs_pages_rest(clouds[c].in.bytes, (size_t)clouds[c].in.size);
+        pbs_pages_rest(clouds[c].own.bytes, (size_t)clouds[c].own.size);
+    }
+    if (p->raw.is_file) pbs_trim_add(&p->trim, p->raw.bytes, p->raw.size);
     return rc;
 }
 
 static pbs_code read_points(void *ctx, uint64_t at, size_t size, void *to, pbs_err *err) {
-    return pbs_scratch_read(ctx, at, size, to, err);
+    return pbs_scratch_read(&((pbs_cloud_points *)ctx)->raw, at, size, to, err);
 }
 static pbs_code write_points(void *ctx, uint64_t at, size_t size, const void *from, pbs_err *err) {
-    return pbs_scratch_write(ctx, at, size, from, err);
+    return pbs_scratch_write(&((pbs_cloud_points *)ctx)->raw, at, size, from, err);
 }
-pbs_clod_store pbs_cloud_store(const pbs_cloud_points *p) {
-    return (pbs_clod_store){(void *)&p->raw, read_points, write_points};
+static pbs_code more_room(void *ctx, size_t size, void **out, pbs_err *err) {
+    pbs_cloud_points *p = ctx;
+    pbs_code rc =
+        pbs_scratch_within(p->run, size, 1, "coarse points", REST_IN_MEMORY, &p->rest, err);
+    if (!rc && p->rest.is_file) pbs_trim_add(&p->trim, p->rest.bytes, p->rest.size);
+    *out = p->rest.bytes;
+    return rc;
+}
+static void give_back(void *ctx) {
+    pbs_trim_now(&((pbs_cloud_points *)ctx)->trim);
+}
+pbs_clod_store pbs_cloud_store(pbs_cloud_points *p) {
+    return (pbs_clod_store){p, read_points, write_points, more_room, give_back};
 }
 
 void pbs_cloud_points_free(pbs_run *run, pbs_cloud_points *p) {
     pbs_clod_cells_free(run, &p->cells);
     pbs_scratch_free(&p->raw);
+    pbs_scratch_free(&p->rest);
     pbs_trim_close(&p->trim);
 }

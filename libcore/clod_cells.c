@@ -162,10 +162,6 @@ pbs_code pbs_clod_cut(pbs_run *run, pbs_clod_raw *raw, pbs_clod_cells *cells,
 }
 
 void pbs_clod_cells_free(pbs_run *run, pbs_clod_cells *cells) {
-    for (size_t i = 0; i < cells->count; i++) {
-        pbs_free(run, cells->cell[i].rest);
-        pbs_free(run, cells->cell[i].border);
-    }
     pbs_free(run, cells->cell);
     memset(cells, 0, sizeof *cells);
 }
