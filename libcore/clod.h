@@ -115,6 +115,8 @@ static inline uint32_t pbs_clod_place(const pbs_clod_grid *g, const uint32_t q[3
 typedef struct pbs_clod_cells {
     pbs_clod_cell *cell; /* in Morton order, none empty */
     size_t count, room;
+    size_t most; /* 0: any number; of more there is an error, PBS_LIMIT, and too_many */
+    bool too_many;
 } pbs_clod_cells;
 
 /* Appends the cells of a grid that is counted; their points begin at `first` and follow each

@@ -72,12 +72,26 @@ static void make_keys(pbs_clod_cell *c, pbs_clod_work *w) {
     memcpy(c->high, &high, sizeof c->high);
 }
 
+/* Few, for which clearing the counts would cost more. */
+static void sort_few(uint64_t *key, uint32_t n) {
+    for (uint32_t i = 1; i < n; i++) {
+        uint64_t v = key[i];
+        uint32_t j = i;
+        for (; j && key[j - 1] >> 16 > v >> 16; j--) key[j] = key[j - 1];
+        key[j] = v;
+    }
+}
+
 /* Least significant digit first. */
 void pbs_clod_sort(uint64_t **key, uint64_t **other, uint32_t n, int bits) {
     static const uint32_t mask = (1 << DIGIT) - 1;
     uint32_t count[4][1 << DIGIT];
     uint64_t *from = *key, *to = *other;
     int digits = (bits + DIGIT - 1) / DIGIT;
+    if (n < 32) {
+        sort_few(*key, n);
+        return;
+    }
     memset(count, 0, (size_t)digits * sizeof count[0]);
     for (uint32_t i = 0; i < n; i++)
         for (int d = 0; d < digits; d++) count[d][from[i] >> (16 + DIGIT * d) & mask]++;
