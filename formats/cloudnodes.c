@@ -27,27 +27,28 @@ static bool goes_up(const pbs_cloud_tree *t, const pbs_clod_cell *c, int k) {
     return c->bits < widest(t) && k >= 0 && k > own_level(c->bits);
 }
 
+/* Points of level k of a cell. */
+static uint64_t in_level(const pbs_cloud_tree *t, size_t cell, int k) {
+    return t->points->cells.cell[cell].level[k + 1];
+}
+
 static uint64_t count_levels(const pbs_cloud_tree *t, const pbs_cloud_node *n) {
     uint64_t count = 0;
     for (size_t i = n->first; i < n->end; i++) {
         const pbs_clod_cell *c = &t->points->cells.cell[i];
         for (int k = n->low; k <= n->high; k++)
-            if (n->bits != c->bits || !goes_up(t, c, k)) count += t->level[i][k + 1];
+            if (n->bits != c->bits || !goes_up(t, c, k)) count += in_level(t, i, k);
     }
     return count;
 }
 
-static pbs_code count_cells(pbs_run *run, pbs_cloud_tree *t, pbs_err *err) {
-    const pbs_clod_cells *cells = &t->points->cells;
-    pbs_code rc = pbs_alloc(run, &t->level, cells->count, sizeof *t->level, "the cells", err);
-    for (size_t i = 0; i < cells->count && !rc; i++) {
-        const pbs_clod_cell *c = &cells->cell[i];
-        memcpy(t->level[i], c->level, sizeof t->level[i]);
-        t->level[i][pbs_clod_top(c) + 1] -= c->rest_count;
-        for (size_t r = t->upper->first[i]; r < t->upper->first[i + 1]; r++)
-            t->level[i][t->upper->level[r] + 1]++;
+/* Points that were left of a cell count at the level that they got in the end. */
+static void count_cells(pbs_clod_cells *cells, const pbs_clod_upper *u) {
+    for (size_t i = 0; i < cells->count; i++) {
+        pbs_clod_cell *c = &cells->cell[i];
+        c->level[pbs_clod_top(c) + 1] -= c->rest_count;
+        for (size_t r = u->first[i]; r < u->first[i + 1]; r++) c->level[u->rest[r].level + 1]++;
     }
-    return rc;
 }
 
 /* ---- the tree ---- */
@@ -129,16 +130,14 @@ static pbs_code add_children(pbs_run *run, pbs_cloud_tree *t, size_t at, pbs_err
     return rc;
 }
 
-pbs_code pbs_cloud_tree_new(pbs_run *run, const pbs_cloud_points *p, const pbs_clod_upper *u,
+pbs_code pbs_cloud_tree_new(pbs_run *run, pbs_cloud_points *p, const pbs_clod_upper *u,
                             pbs_cloud_tree *t, pbs_err *err) {
     *t = (pbs_cloud_tree){.points = p, .upper = u};
-    pbs_code rc = count_cells(run, t, err);
     pbs_cloud_node root = {.bits = p->lattice.bits, .end = p->cells.count};
-    if (!rc) {
-        root = shrink(t, root);
-        set_levels(t, &root);
-        rc = add(run, t, root, err);
-    }
+    count_cells(&p->cells, u);
+    root = shrink(t, root);
+    set_levels(t, &root);
+    pbs_code rc = add(run, t, root, err);
     for (size_t i = 0; i < t->count && !rc; i++) rc = add_children(run, t, i, err);
     if (rc) pbs_cloud_tree_free(run, t);
     return rc;
@@ -146,7 +145,6 @@ pbs_code pbs_cloud_tree_new(pbs_run *run, const pbs_cloud_points *p, const pbs_c
 
 void pbs_cloud_tree_free(pbs_run *run, pbs_cloud_tree *t) {
     pbs_free(run, t->node);
-    pbs_free(run, t->level);
     memset(t, 0, sizeof *t);
 }
 
@@ -155,9 +153,9 @@ static double usual_spacing(const pbs_cloud_tree *t, const pbs_cloud_node *n) {
     uint64_t sum = 0, all = 0;
     int k = TOP_K;
     for (size_t i = n->first; i < n->end; i++)
-        for (int l = 0; l <= TOP_K; l++) all += t->level[i][l + 1];
+        for (int l = 0; l <= TOP_K; l++) all += in_level(t, i, l);
     for (; k >= 0; k--) {
-        for (size_t i = n->first; i < n->end; i++) sum += t->level[i][k + 1];
+        for (size_t i = n->first; i < n->end; i++) sum += in_level(t, i, k);
         if (10 * sum >= 4 * all) break;
     }
     return ldexp(t->points->lattice.step, k > 0 ? k : 0);
@@ -192,8 +190,8 @@ pbs_node pbs_cloud_tree_node(const pbs_cloud_tree *t, size_t i) {
 static uint64_t take_rest(const pbs_cloud_tree *t, size_t cell, int k, pbs_clod_point *out) {
     uint64_t n = 0;
     for (size_t r = t->upper->first[cell]; r < t->upper->first[cell + 1]; r++) {
-        if (t->upper->level[r] != k) continue;
         const pbs_clod_rest *rest = &t->upper->rest[r];
+        if (rest->level != k) continue;
         pbs_clod_point p = {.spacing = pbs_clod_spacing(k), .colour = {255, 255, 255, 255}};
         for (int a = 0; a < 3; a++)
             p.q[a] = (uint16_t)(rest->q[a] - t->points->cells.cell[cell].origin[a]);
@@ -246,7 +244,7 @@ pbs_code pbs_cloud_tree_points(const pbs_cloud_tree *t, size_t i, pbs_clod_point
         uint64_t count = 0, got = 0;
         for (size_t c = n->first; c < n->end && !rc; c++, count += got, got = 0) {
             const pbs_clod_cell *cell = &t->points->cells.cell[c];
-            if (!t->level[c][k + 1] || (n->bits == cell->bits && goes_up(t, cell, k))) continue;
+            if (!in_level(t, c, k) || (n->bits == cell->bits && goes_up(t, cell, k))) continue;
             rc = take_level(t, c, k, scratch + count, &got, err);
             if (!rc) move(scratch + count, got, cell, n);
         }

@@ -65,7 +65,9 @@ typedef struct pbs_cloud_lattice {
 } pbs_cloud_lattice;
 
 typedef struct pbs_cloud_points {
-    pbs_scratch raw; /* pbs_clod_raw, then pbs_clod_point */
+    pbs_run *run;
+    pbs_scratch raw;  /* pbs_clod_raw, then pbs_clod_point */
+    pbs_scratch rest; /* what is left of cells */
     pbs_clod_cells cells;
     pbs_cloud_lattice lattice;
     uint64_t count, left_out;
@@ -74,7 +76,7 @@ typedef struct pbs_cloud_points {
 } pbs_cloud_points;
 
 /* For clod.h: the points' room. */
-pbs_clod_store pbs_cloud_store(const pbs_cloud_points *p);
+pbs_clod_store pbs_cloud_store(pbs_cloud_points *p);
 
 /* All points of the clouds, in the order of cells that are fine enough. Zeroed by = {0} before;
  * free it also after an error. */
@@ -97,10 +99,10 @@ typedef struct pbs_cloud_tree {
     const pbs_clod_upper *upper;
     pbs_cloud_node *node; /* the root first, then level by level: the order of their points */
     size_t count, room;
-    uint64_t (*level)[PBS_CLOD_LEVELS]; /* of each cell, points of k at [k + 1] */
 } pbs_cloud_tree;
 
-pbs_code pbs_cloud_tree_new(pbs_run *run, const pbs_cloud_points *p, const pbs_clod_upper *u,
+/* The cells' level counts become those of all levels. */
+pbs_code pbs_cloud_tree_new(pbs_run *run, pbs_cloud_points *p, const pbs_clod_upper *u,
                             pbs_cloud_tree *t, pbs_err *err);
 void pbs_cloud_tree_free(pbs_run *run, pbs_cloud_tree *t);
 /* Node i as the archive has it, without children; its number is t->count - 1 - i. */

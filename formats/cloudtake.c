@@ -16,7 +16,9 @@ enum {
     HELD = 32 << 20,      /* bytes of pages of files */
     POINTS = 208 << 20,   /* bytes of points in memory, and what threads need: else a file */
     A_THREAD = 16 << 20,
-    THE_REST = 24 << 20
+    THE_REST = 24 << 20,
+    REST_IN_MEMORY = 16 << 20,
+    CELLS = 1 << 17       /* that are hoped for */
 };
 
 typedef enum pass_kind { MEASURE, COUNT, MEASURE_AND_COUNT, TAKE } pass_kind;
@@ -412,24 +414,32 @@ static pbs_code measure_and_count(take *t, pbs_err *err) {
     return rc;
 }
 
-/* Cells of 2^16 steps hold few points if the lattice is much finer than the cloud: nearly every
- * point would be a node. Then the lattice is made coarser; a point moves by half a step. Files that
- * have a lattice keep it as long as that can be borne. */
-static void coarsen(take *t, uint64_t points) {
+/* Each 2^by steps of the lattice become one; a point moves by half of that at most. */
+static void coarsen(take *t, int by) {
     pbs_cloud_lattice *l = &t->out->lattice;
-    const int fine = PBS_CLOD_SIDE + t->grid.depth;
-    double occupied = 0, step = l->step, n = (double)points;
-    double most = l->bound > 0 ? n / 512 + 8 : n / 8 + 4096;
-    for (size_t i = 0; i < (size_t)1 << 3 * t->grid.depth; i++) occupied += t->grid.count[i] > 0;
-    while (l->bits > PBS_CLOD_SIDE && l->bits > t->grid.depth &&
-           fmin(occupied * ldexp(1, 2 * (l->bits - fine)), n) > most)
-        l->bits--, l->shift++;
-    if (!l->shift) return;
-    double half = (ldexp(1, l->shift) - 1) / 2;
+    double half = (ldexp(1, by) - 1) / 2, step = l->step;
+    if (!by) return;
     for (int k = 0; k < 3; k++) l->origin[k] += half * step;
-    l->step = ldexp(step, l->shift);
+    l->step = ldexp(step, by);
     l->bound += sqrt(3) * half * step;
+    l->bits -= by, l->shift += by;
     t->grid.bits = l->bits;
+}
+
+/* Cells of 2^16 steps hold few points if the lattice is much finer than the cloud: nearly every
+ * point would be a node. Then the lattice is made coarser. Files that have a lattice keep it as
+ * long as that can be borne. */
+static int too_fine(const take *t) {
+    const pbs_cloud_lattice *l = &t->out->lattice;
+    const int fine = PBS_CLOD_SIDE + t->grid.depth;
+    double occupied = 0, n = (double)t->out->count;
+    double most = fmin(l->bound > 0 ? n / 512 + 8 : n / 8 + 4096, CELLS);
+    int by = 0;
+    for (size_t i = 0; i < (size_t)1 << 3 * t->grid.depth; i++) occupied += t->grid.count[i] > 0;
+    while (l->bits - by > PBS_CLOD_SIDE && l->bits - by > t->grid.depth &&
+           fmin(occupied * ldexp(1, 2 * (l->bits - by - fine)), n) > most)
+        by++;
+    return by;
 }
 
 /* ---- all ---- */
@@ -452,6 +462,15 @@ static pbs_code new_room(take *t, pbs_err *err) {
     return pbs_alloc(t->run, &raw->bytes, raw->size, 1, what, err);
 }
 
+static void free_places(take *t) {
+    for (int i = 0; i < t->run->threads && t->seen; i++) {
+        pbs_free(t->run, t->seen[i]);
+        t->seen[i] = NULL;
+    }
+    pbs_free(t->run, t->at);
+    t->at = NULL;
+}
+
 static pbs_code new_places(take *t, pbs_err *err) {
     const pbs_clod_cells *cells = &t->out->cells;
     const size_t threads = (size_t)t->run->threads;
@@ -464,16 +483,34 @@ static pbs_code new_places(take *t, pbs_err *err) {
     return rc;
 }
 
-static pbs_code sort_points(take *t, pbs_err *err) {
+static pbs_code sort_points(take *t, size_t most, pbs_err *err) {
     pbs_cloud_points *out = t->out;
+    pbs_clod_cells_free(t->run, &out->cells);
+    out->cells.most = most;
     pbs_code rc = pbs_clod_cells_of(t->run, &t->grid, 0, &out->cells, err);
-    if (!rc) rc = new_room(t, err);
-    if (rc) return rc;
-    if (out->raw.is_file) pbs_trim_add(&out->trim, out->raw.bytes, out->raw.size);
-    rc = new_places(t, err);
+    if (!rc) rc = new_places(t, err);
     if (!rc) rc = pass(t, TAKE, err);
-    pbs_clod_grid_free(t->run, &t->grid);
+    free_places(t);
     return rc ? rc : pbs_clod_cut(t->run, out->raw.bytes, &out->cells, trim, &out->trim, err);
+}
+
+/* Cells may turn out to be more than was thought, as their number grows with memory: then the
+ * lattice is made coarser still. */
+static pbs_code sort_into_few_cells(take *t, pbs_err *err) {
+    pbs_code rc = new_room(t, err);
+    if (!rc && t->out->raw.is_file)
+        pbs_trim_add(&t->out->trim, t->out->raw.bytes, t->out->raw.size);
+    size_t most = t->all / 8192 > 2 * CELLS ? (size_t)(t->all / 8192) : 2 * CELLS;
+    if (!rc) rc = sort_points(t, most, err);
+    while (rc && t->out->cells.too_many) {
+        int least = PBS_CLOD_SIDE > t->grid.depth ? PBS_CLOD_SIDE : t->grid.depth;
+        if (t->out->lattice.bits - 2 < least)
+            most = 0; /* it is density that makes them */
+        else
+            coarsen(t, 2);
+        rc = sort_points(t, most, err);
+    }
+    return rc;
 }
 
 static pbs_code take_all(take *t, pbs_err *err) {
@@ -484,8 +521,8 @@ static pbs_code take_all(take *t, pbs_err *err) {
     for (size_t c = 0; c < t->cloud_count; c++)
         t->out->colours |= t->clouds[c].colour != PBS_CLOUD_NO_COLOUR;
     pbs_cloud_choose_colours(t->clouds, t->cloud_count, t->bounds, t->maps);
-    coarsen(t, t->out->count);
-    return sort_points(t, err);
+    coarsen(t, too_fine(t));
+    return sort_into_few_cells(t, err);
 }
 
 static pbs_code take_new(take *t, pbs_err *err) {
@@ -505,12 +542,11 @@ static pbs_code take_new(take *t, pbs_err *err) {
 
 static void take_free(take *t) {
     for (int i = 0; i < t->slot_count && t->slots; i++) batch_free(t->run, &t->slots[i]);
-    for (int i = 0; i < t->run->threads && t->seen; i++) pbs_free(t->run, t->seen[i]);
+    free_places(t);
     pbs_free(t->run, t->slots);
     pbs_free(t->run, t->seen);
     pbs_free(t->run, t->maps);
     pbs_free(t->run, t->bounds);
-    pbs_free(t->run, t->at);
     pbs_clod_grid_free(t->run, &t->grid);
 }
 
@@ -521,6 +557,7 @@ pbs_code pbs_cloud_take(pbs_run *run, const pbs_cloud *clouds, size_t count, pbs
               .cloud_count = count,
               .out = p,
               .slot_count = 2 * run->threads};
+    p->run = run;
     pbs_trim_open(run, &p->trim);
     if (p->trim.limit > HELD) p->trim.limit = HELD;
     for (size_t c = 0; c < count; c++) {
@@ -530,21 +567,39 @@ pbs_code pbs_cloud_take(pbs_run *run, const pbs_cloud *clouds, size_t count, pbs
     pbs_code rc = take_new(&t, err);
     if (!rc) rc = take_all(&t, err);
     take_free(&t);
+    p->trim.count = 0;
+    for (size_t c = 0; c < count; c++) { /* they are not looked at again */
+        pbs_pages_rest(clouds[c].in.bytes, (size_t)clouds[c].in.size);
+        pbs_pages_rest(clouds[c].own.bytes, (size_t)clouds[c].own.size);
+    }
+    if (p->raw.is_file) pbs_trim_add(&p->trim, p->raw.bytes, p->raw.size);
     return rc;
 }
 
 static pbs_code read_points(void *ctx, uint64_t at, size_t size, void *to, pbs_err *err) {
-    return pbs_scratch_read(ctx, at, size, to, err);
+    return pbs_scratch_read(&((pbs_cloud_points *)ctx)->raw, at, size, to, err);
 }
 static pbs_code write_points(void *ctx, uint64_t at, size_t size, const void *from, pbs_err *err) {
-    return pbs_scratch_write(ctx, at, size, from, err);
+    return pbs_scratch_write(&((pbs_cloud_points *)ctx)->raw, at, size, from, err);
 }
-pbs_clod_store pbs_cloud_store(const pbs_cloud_points *p) {
-    return (pbs_clod_store){(void *)&p->raw, read_points, write_points};
+static pbs_code more_room(void *ctx, size_t size, void **out, pbs_err *err) {
+    pbs_cloud_points *p = ctx;
+    pbs_code rc =
+        pbs_scratch_within(p->run, size, 1, "coarse points", REST_IN_MEMORY, &p->rest, err);
+    if (!rc && p->rest.is_file) pbs_trim_add(&p->trim, p->rest.bytes, p->rest.size);
+    *out = p->rest.bytes;
+    return rc;
+}
+static void give_back(void *ctx) {
+    pbs_trim_now(&((pbs_cloud_points *)ctx)->trim);
+}
+pbs_clod_store pbs_cloud_store(pbs_cloud_points *p) {
+    return (pbs_clod_store){p, read_points, write_points, more_room, give_back};
 }
 
 void pbs_cloud_points_free(pbs_run *run, pbs_cloud_points *p) {
     pbs_clod_cells_free(run, &p->cells);
     pbs_scratch_free(&p->raw);
+    pbs_scratch_free(&p->rest);
     pbs_trim_close(&p->trim);
 }

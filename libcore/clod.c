@@ -39,7 +39,9 @@ static size_t lower_bound(const pbs_clod_cells *cells, const uint32_t at[3]) {
 static pbs_code take_neighbour(const job *j, const pbs_clod_cell *c, const int64_t at[3],
                                pbs_clod_work *w, pbs_err *err) {
     uint32_t origin[3];
+    int64_t low[3], high[3];
     for (int k = 0; k < 3; k++) {
+        low[k] = c->origin[k], high[k] = low[k] + ((int64_t)1 << c->bits) - 1;
         if (at[k] < 0 || at[k] >= (int64_t)1 << PBS_CLOD_BITS) return PBS_OK;
         origin[k] = (uint32_t)at[k];
     }
@@ -50,7 +52,7 @@ static pbs_code take_neighbour(const job *j, const pbs_clod_cell *c, const int64
         for (int k = 0; k < 3; k++) in = in && o->origin[k] >> c->bits == origin[k] >> c->bits;
         if (!in) break;
         if (group_of(o) < group_of(c))
-            rc = pbs_clod_take_border(&w->thin, j->store, o, c, 0, (void *)w->other, err);
+            rc = pbs_clod_take_border(&w->thin, j->store, o, low, high, 0, (void *)w->other, err);
     }
     return rc;
 }
@@ -67,7 +69,7 @@ static pbs_code thin_one(void *ctx, size_t i, int thread, pbs_err *err) {
                          c->origin[2] + (n / 9 - 1) * side};
         if (n != 13) rc = take_neighbour(j, c, at, w, err);
     }
-    return rc ? rc : pbs_clod_thin_cell(j->run, j->store, c, w, err);
+    return rc ? rc : pbs_clod_thin_cell(j->store, c, w, err);
 }
 
 static pbs_code thin_groups(job *j, uint32_t *order, pbs_err *err) {
@@ -103,99 +105,4 @@ pbs_code pbs_clod_thin(pbs_run *run, const pbs_clod_store *store, pbs_clod_cells
     for (size_t i = 0; i < threads; i++) pbs_clod_work_free(run, &j.work[i]);
     pbs_free(run, j.work);
     return rc;
-}
-
-/* ---- what is left ---- */
-
-static pbs_code take_rests(pbs_run *run, pbs_clod_cells *cells, pbs_clod_upper *u, pbs_err *err) {
-    size_t n = 0;
-    for (size_t i = 0; i < cells->count; i++) n += cells->cell[i].rest_count;
-    pbs_code rc = pbs_alloc(run, &u->rest, n, sizeof *u->rest, "coarse points", err);
-    if (!rc) rc = pbs_alloc(run, &u->level, n, sizeof *u->level, "coarse points", err);
-    if (!rc)
-        rc = pbs_alloc(run, &u->first, cells->count + 1, sizeof *u->first, "coarse points", err);
-    for (size_t i = 0; i < cells->count && !rc; i++) {
-        pbs_clod_cell *c = &cells->cell[i];
-        u->first[i] = u->count;
-        if (c->rest_count) memcpy(u->rest + u->count, c->rest, c->rest_count * sizeof *c->rest);
-        memset(u->level + u->count, pbs_clod_top(c), c->rest_count);
-        u->count += c->rest_count;
-        pbs_free(run, c->rest);
-        c->rest = NULL;
-    }
-    if (!rc) u->first[cells->count] = u->count;
-    return rc;
-}
-
-typedef struct upper {
-    const pbs_clod_store *store;
-    pbs_clod_border *border;
-    const pbs_clod_cells *cells;
-    pbs_clod_upper *out;
-    pbs_thin thin;
-    pbs_thin_set set, kept, rejected;
-} upper;
-
-static pbs_code upper_level(upper *u, int k, pbs_err *err) {
-    pbs_clod_upper *out = u->out;
-    pbs_code rc = PBS_OK;
-    u->thin.fixed_count = 0;
-    for (size_t i = 0; i < u->cells->count && !rc; i++)
-        if (pbs_clod_top(&u->cells->cell[i]) >= k)
-            rc = pbs_clod_take_border(&u->thin, u->store, &u->cells->cell[i], NULL, k, u->border,
-                                      err);
-    u->set.count = 0;
-    for (size_t i = 0; i < out->count; i++) {
-        const pbs_clod_rest *r = &out->rest[i];
-        if (out->level[i] != k - 1) continue;
-        if (u->set.sum) memcpy(u->set.sum + 4 * (size_t)u->set.count, r->sum, sizeof r->sum);
-        pbs_thin_put(&u->set, (int32_t)r->q[0], (int32_t)r->q[1], (int32_t)r->q[2], (uint32_t)i);
-    }
-    if (!rc) rc = pbs_thin_level(&u->thin, &u->set, k, false, &u->kept, &u->rejected, err);
-    for (uint32_t i = 0; i < u->kept.count && !rc; i++) {
-        uint32_t id = u->kept.id[i];
-        out->level[id] = (int8_t)k;
-        if (u->kept.sum) memcpy(out->rest[id].sum, u->kept.sum + 4 * (size_t)i, 16);
-    }
-    return rc;
-}
-
-static pbs_code upper_levels(pbs_run *run, upper *u, int top, pbs_err *err) {
-    int least = top;
-    for (size_t i = 0; i < u->cells->count; i++)
-        if (pbs_clod_top(&u->cells->cell[i]) < least) least = pbs_clod_top(&u->cells->cell[i]);
-    pbs_code rc = PBS_OK;
-    for (int k = least + 1; k <= top && !rc; k++) {
-        rc = pbs_run_check(run, err);
-        if (!rc) rc = upper_level(u, k, err);
-    }
-    return rc;
-}
-
-pbs_code pbs_clod_thin_upper(pbs_run *run, const pbs_clod_store *store, pbs_clod_cells *cells,
-                             int top, bool colours, pbs_clod_upper *out, pbs_err *err) {
-    upper u = {.store = store, .cells = cells, .out = out};
-    memset(out, 0, sizeof *out);
-    pbs_code rc = take_rests(run, cells, out, err);
-    if (!rc)
-        rc = pbs_alloc(run, &u.border, PBS_CLOD_BORDER, sizeof *u.border, "coarse points", err);
-    if (!rc) rc = pbs_thin_new(run, out->count, &u.thin, err);
-    if (!rc) rc = pbs_thin_set_new(run, out->count, colours, &u.set, err);
-    if (!rc) rc = pbs_thin_set_new(run, out->count, colours, &u.kept, err);
-    if (!rc) rc = pbs_thin_set_new(run, out->count, colours, &u.rejected, err);
-    if (!rc) rc = upper_levels(run, &u, top, err);
-    pbs_free(run, u.border);
-    pbs_thin_free(&u.thin);
-    pbs_thin_set_free(run, &u.set);
-    pbs_thin_set_free(run, &u.kept);
-    pbs_thin_set_free(run, &u.rejected);
-    if (rc) pbs_clod_upper_free(run, out);
-    return rc;
-}
-
-void pbs_clod_upper_free(pbs_run *run, pbs_clod_upper *u) {
-    pbs_free(run, u->rest);
-    pbs_free(run, u->first);
-    pbs_free(run, u->level);
-    memset(u, 0, sizeof *u);
 }

@@ -13,8 +13,9 @@
  * (thin.h), from fine to coarse, up to an eighth of their size; what they decide near their border
  * is fixed for the neighbours that come later. Cells of equal size and equal parity of their place
  * never touch and can be worked on at a time; the order of these groups, and so the result, does
- * not depend on threads or memory. What is left of all cells is thinned further in one go; it is
- * less than a hundredth.
+ * not depend on threads or memory. What is left of all cells, usually less than a hundredth, is
+ * thinned further level by level, in cubes of at most PBS_CLOD_PIECE points. So memory grows with
+ * the number of cells alone, by half a kilobyte each.
  */
 #ifndef PBS_CLOD_H
 #define PBS_CLOD_H
@@ -49,6 +50,7 @@ typedef struct pbs_clod_rest {
     uint32_t q[3];
     float sum[4]; /* linear red, green, blue, and weight */
     uint8_t alpha;
+    int8_t level; /* k */
 } pbs_clod_rest;
 
 typedef struct pbs_clod_cell {
@@ -59,10 +61,11 @@ typedef struct pbs_clod_cell {
     /* Set by pbs_clod_thin: points of k at [k + 1], the largest first in the array, those that are
      * left (of k = top_of(cell)) before all. */
     uint64_t level[PBS_CLOD_LEVELS];
-    uint32_t rest_count, border_count;
-    pbs_clod_rest *rest; /* allocated; freed by pbs_clod_upper */
-    void *border;        /* those that neighbours must respect, if the array has no room for them */
+    uint32_t rest_count;
+    uint32_t border_count; /* that neighbours must respect; PBS_CLOD_NO_LIST: of all its points */
 } pbs_clod_cell;
+
+#define PBS_CLOD_NO_LIST UINT32_MAX
 
 /* The coarsest k that a cell decides on its own. */
 static inline int pbs_clod_top(const pbs_clod_cell *c) {
@@ -81,6 +84,10 @@ typedef struct pbs_clod_store {
     void *ctx;
     pbs_code (*read)(void *ctx, uint64_t at, size_t size, void *to, pbs_err *err);
     pbs_code (*write)(void *ctx, uint64_t at, size_t size, const void *from, pbs_err *err);
+    /* More room, which may be a file's map; once. It is the store's. NULL: it comes from memory. */
+    pbs_code (*more)(void *ctx, size_t size, void **out, pbs_err *err);
+    /* Called every now and then while that is used, so that its pages can be given back. */
+    void (*done)(void *ctx);
 } pbs_clod_store;
 
 /* ---- the octree of cells ---- */
@@ -108,6 +115,8 @@ static inline uint32_t pbs_clod_place(const pbs_clod_grid *g, const uint32_t q[3
 typedef struct pbs_clod_cells {
     pbs_clod_cell *cell; /* in Morton order, none empty */
     size_t count, room;
+    size_t most; /* 0: any number; of more there is an error, PBS_LIMIT, and too_many */
+    bool too_many;
 } pbs_clod_cells;
 
 /* Appends the cells of a grid that is counted; their points begin at `first` and follow each
@@ -138,8 +147,12 @@ typedef struct pbs_clod_upper {
     size_t count;
     pbs_clod_rest *rest; /* in the order of the cells, and in them in Morton order */
     size_t *first;       /* of each cell, and the end */
-    int8_t *level;       /* k of each */
+    bool stored;         /* rest is the store's */
 } pbs_clod_upper;
+
+/* So many are thinned in one go, whatever the memory; of more, cubes one after the other, which
+ * respect those before them. */
+enum { PBS_CLOD_PIECE = 1 << 17 };
 
 pbs_code pbs_clod_thin_upper(pbs_run *run, const pbs_clod_store *store, pbs_clod_cells *cells,
                              int top, bool colours, pbs_clod_upper *out, pbs_err *err);

@@ -11,6 +11,7 @@ pbs_code pbs_clod_work_new(pbs_run *run, bool colours, pbs_clod_work *w, pbs_err
     const size_t n = PBS_CLOD_CELL;
     memset(w, 0, sizeof *w);
     pbs_code rc = pbs_alloc(run, &w->raw, n, sizeof *w->raw, what, err);
+    w->points = (void *)w->raw;
     if (!rc) rc = pbs_alloc(run, &w->key, n, sizeof *w->key, what, err);
     if (!rc) rc = pbs_alloc(run, &w->other, n, sizeof *w->other, what, err);
     if (!rc) rc = pbs_alloc(run, &w->colour, n, sizeof *w->colour, what, err);
@@ -71,12 +72,26 @@ static void make_keys(pbs_clod_cell *c, pbs_clod_work *w) {
     memcpy(c->high, &high, sizeof c->high);
 }
 
+/* Few, for which clearing the counts would cost more. */
+static void sort_few(uint64_t *key, uint32_t n) {
+    for (uint32_t i = 1; i < n; i++) {
+        uint64_t v = key[i];
+        uint32_t j = i;
+        for (; j && key[j - 1] >> 16 > v >> 16; j--) key[j] = key[j - 1];
+        key[j] = v;
+    }
+}
+
 /* Least significant digit first. */
 void pbs_clod_sort(uint64_t **key, uint64_t **other, uint32_t n, int bits) {
     static const uint32_t mask = (1 << DIGIT) - 1;
     uint32_t count[4][1 << DIGIT];
     uint64_t *from = *key, *to = *other;
     int digits = (bits + DIGIT - 1) / DIGIT;
+    if (n < 32) {
+        sort_few(*key, n);
+        return;
+    }
     memset(count, 0, (size_t)digits * sizeof count[0]);
     for (uint32_t i = 0; i < n; i++)
         for (int d = 0; d < digits; d++) count[d][from[i] >> (16 + DIGIT * d) & mask]++;
@@ -220,47 +235,61 @@ static void write_points(const pbs_clod_work *w, pbs_clod_cell *c, pbs_clod_poin
     }
 }
 
-static pbs_code take_rest(pbs_run *run, const pbs_clod_work *w, pbs_clod_cell *c,
-                          const pbs_clod_point *p, int top, pbs_err *err) {
-    c->rest_count = (uint32_t)c->level[top + 1];
-    pbs_code rc = pbs_alloc(run, &c->rest, c->rest_count, sizeof *c->rest, "coarse points", err);
-    for (uint32_t i = 0; i < c->rest_count && !rc; i++) {
-        pbs_clod_rest *r = &c->rest[i];
-        for (int k = 0; k < 3; k++) r->q[k] = c->origin[k] + p[i].q[k];
-        r->alpha = p[i].colour[3];
-        if (w->last->sum)
-            memcpy(r->sum, w->last->sum + 4 * (size_t)i, sizeof r->sum);
-        else
-            memset(r->sum, 0, sizeof r->sum);
-    }
-    return rc;
-}
-
-static inline bool at_border(const pbs_clod_point *p, int bits, int k) {
+static inline bool at_border(const uint16_t q[3], int bits, int k) {
     int32_t side = 1 << bits, s = 1 << k;
     for (int a = 0; a < 3; a++)
-        if (p->q[a] + 1 < s || side - p->q[a] < s) return true;
+        if (q[a] + 1 < s || side - q[a] < s) return true;
     return false;
 }
 
-/* Those behind the points, if there is room. */
-static pbs_code leave_border(pbs_run *run, const pbs_clod_work *w, pbs_clod_cell *c,
-                             const pbs_clod_point *p, pbs_err *err) {
+/* Behind the points, where there are 4 bytes for each: those at borders, and sums of what is left.
+ * If they are too many, neighbours look at all points, and of a sum only its weight is kept: the
+ * colour of the point is its mean. Returns how many bytes there are. */
+static size_t leave_more(const pbs_clod_work *w, pbs_clod_cell *c, const pbs_clod_point *p) {
     pbs_clod_border *b = (void *)w->other; /* as large, and free */
+    uint8_t *to = (uint8_t *)w->raw + c->count * sizeof *p;
+    const float *sum = w->last->sum;
     uint32_t n = 0;
     uint64_t i = 0;
-    pbs_code rc = PBS_OK;
     for (int k = PBS_CLOD_LEVELS - 2; k > 0; k--)
         for (uint64_t end = i + c->level[k + 1]; i < end; i++)
-            if (at_border(&p[i], c->bits, k))
+            if (at_border(p[i].q, c->bits, k))
                 b[n++] = (pbs_clod_border){{p[i].q[0], p[i].q[1], p[i].q[2]}, (int16_t)k};
-    c->border_count = n;
-    if (n <= c->count / 2) {
-        memcpy((pbs_clod_point *)(void *)w->raw + c->count, b, n * sizeof *b);
-        return PBS_OK;
+    size_t size = n * sizeof *b, sums = sum ? c->rest_count * 4 * sizeof *sum : 0;
+    c->border_count = size + sums <= c->count * 4 ? n : PBS_CLOD_NO_LIST;
+    if (c->border_count == n) {
+        memcpy(to, b, size);
+        if (sum) memcpy(to + size, sum, sums);
+        return size + sums;
     }
-    rc = pbs_alloc(run, &c->border, n, sizeof *b, "points at borders", err);
-    if (!rc) memcpy(c->border, b, n * sizeof *b);
+    for (i = 0; sum && i < c->rest_count; i++)
+        memcpy(to + i * sizeof *sum, &sum[4 * i + 3], sizeof *sum);
+    return sum ? c->rest_count * sizeof *sum : 0;
+}
+
+/* What is left of a cell, from the store. */
+pbs_code pbs_clod_take_rest(const pbs_clod_store *s, const pbs_clod_cell *c, bool colours,
+                            pbs_clod_work *w, pbs_clod_rest *out, pbs_err *err) {
+    const float *linear = pbs_srgb()->linear;
+    const bool list = c->border_count != PBS_CLOD_NO_LIST;
+    const size_t each = (list ? 4 : 1) * sizeof(float), size = c->rest_count * sizeof *w->points;
+    float *sum = w->next.sum;
+    uint64_t at = pbs_clod_at(c) + c->count * sizeof *w->points;
+    if (list) at += c->border_count * sizeof(pbs_clod_border);
+    pbs_code rc = s->read(s->ctx, pbs_clod_at(c), size, w->points, err);
+    if (!rc && colours) rc = s->read(s->ctx, at, c->rest_count * each, sum, err);
+    for (uint32_t i = 0; i < c->rest_count && !rc; i++) {
+        const pbs_clod_point *p = &w->points[i];
+        pbs_clod_rest r = {.alpha = p->colour[3], .level = (int8_t)pbs_clod_top(c)};
+        for (int k = 0; k < 3; k++) r.q[k] = c->origin[k] + p->q[k];
+        if (colours && list)
+            memcpy(r.sum, sum + 4 * (size_t)i, sizeof r.sum);
+        else if (colours) {
+            for (int k = 0; k < 3; k++) r.sum[k] = linear[p->colour[k]] * sum[i];
+            r.sum[3] = sum[i];
+        }
+        out[i] = r;
+    }
     return rc;
 }
 
@@ -277,7 +306,6 @@ static pbs_code thin_place(const pbs_clod_store *s, pbs_clod_cell *c, pbs_clod_w
             pbs_clod_point p = {.spacing = pbs_clod_spacing(i + j ? -1 : 0)};
             memcpy(p.colour, w->raw[j].colour, 4);
             for (int k = 0; k < 3; k++) sum[k] += (double)linear[p.colour[k]];
-            if (i + j == 0) sum[3] = p.colour[3];
             out[j] = p; /* in front of what is still to be read */
         }
         if (!rc) rc = s->write(s->ctx, pbs_clod_at(c) + i * sizeof *out, n * sizeof *out, out, err);
@@ -285,29 +313,29 @@ static pbs_code thin_place(const pbs_clod_store *s, pbs_clod_cell *c, pbs_clod_w
     return rc;
 }
 
-static pbs_code leave_place(pbs_run *run, const pbs_clod_store *s, pbs_clod_cell *c,
-                            pbs_clod_work *w, pbs_err *err) {
+static pbs_code leave_place(const pbs_clod_store *s, pbs_clod_cell *c, pbs_clod_work *w,
+                            pbs_err *err) {
     double sum[4] = {0};
+    float left[4];
     memcpy(c->low, c->origin, sizeof c->low);
     memcpy(c->high, c->origin, sizeof c->high);
     c->level[1] = 1;
     c->level[0] = c->count - 1;
     c->rest_count = 1;
+    c->border_count = 0;
     pbs_code rc = thin_place(s, c, w, sum, err);
-    if (!rc) rc = pbs_alloc(run, &c->rest, 1, sizeof *c->rest, "coarse points", err);
-    if (rc) return rc;
-    *c->rest = (pbs_clod_rest){.alpha = (uint8_t)sum[3]};
-    memcpy(c->rest->q, c->origin, sizeof c->rest->q);
-    for (int k = 0; k < 3 && w->kept.sum; k++) c->rest->sum[k] = (float)sum[k];
-    if (w->kept.sum) c->rest->sum[3] = (float)c->count;
-    return PBS_OK;
+    if (rc || !w->kept.sum) return rc;
+    for (int k = 0; k < 3; k++) left[k] = (float)sum[k];
+    left[3] = (float)c->count;
+    return s->write(s->ctx, pbs_clod_at(c) + c->count * sizeof(pbs_clod_point), sizeof left, left,
+                    err);
 }
 
-pbs_code pbs_clod_thin_cell(pbs_run *run, const pbs_clod_store *s, pbs_clod_cell *c,
-                            pbs_clod_work *w, pbs_err *err) {
+pbs_code pbs_clod_thin_cell(const pbs_clod_store *s, pbs_clod_cell *c, pbs_clod_work *w,
+                            pbs_err *err) {
     pbs_clod_point *out = (void *)w->raw;
     int top = pbs_clod_top(c);
-    if (c->count > PBS_CLOD_CELL) return leave_place(run, s, c, w, err);
+    if (c->count > PBS_CLOD_CELL) return leave_place(s, c, w, err);
     pbs_code rc = s->read(s->ctx, pbs_clod_at(c), c->count * sizeof *w->raw, w->raw, err);
     if (rc) return rc;
     make_keys(c, w);
@@ -316,31 +344,70 @@ pbs_code pbs_clod_thin_cell(pbs_run *run, const pbs_clod_store *s, pbs_clod_cell
     rc = thin(w, (uint32_t)c->count, top, err);
     if (rc) return rc;
     write_points(w, c, out);
-    rc = take_rest(run, w, c, out, top, err);
-    if (!rc) rc = leave_border(run, w, c, out, err);
-    size_t behind = c->border ? 0 : c->border_count * sizeof(pbs_clod_border);
-    return rc ? rc : s->write(s->ctx, pbs_clod_at(c), c->count * sizeof *out + behind, out, err);
+    c->rest_count = (uint32_t)c->level[top + 1];
+    size_t behind = leave_more(w, c, out);
+    return s->write(s->ctx, pbs_clod_at(c), c->count * sizeof *out + behind, out, err);
+}
+
+typedef struct taker {
+    pbs_thin *t;
+    const pbs_clod_cell *from;
+    int64_t low[3], high[3]; /* box that they matter for */
+} taker;
+
+/* Room is reserved. */
+static inline void take_fixed(const taker *to, const uint16_t q[3], int k) {
+    int64_t side = (int64_t)1 << k;
+    struct pbs_thin_fixed f = {.k = k};
+    bool near = true;
+    for (int a = 0; a < 3; a++) {
+        int64_t v = (int64_t)to->from->origin[a] + q[a];
+        f.at[a] = (int32_t)v;
+        near = near && v > to->low[a] - side && v < to->high[a] + side;
+    }
+    if (near) to->t->fixed[to->t->fixed_count++] = f;
+}
+
+/* 2^k / 65536 as a half float, back. */
+static inline int level_of(uint16_t spacing) {
+    return spacing >= 1024 ? (spacing >> 10) + 1 : spacing == 512 ? 1 : spacing ? 0 : -1;
+}
+
+/* The same from all points of a cell. */
+static pbs_code take_points_at_border(const taker *to, const pbs_clod_store *s, int least,
+                                      pbs_clod_point *room, pbs_err *err) {
+    const pbs_clod_cell *c = to->from;
+    const uint64_t most = PBS_CLOD_BORDER / 2;
+    least = least > 1 ? least : 1;
+    for (uint64_t i = 0; i < c->count; i += most) {
+        uint64_t n = c->count - i < most ? c->count - i : most;
+        pbs_code rc = pbs_thin_reserve_fixed(to->t, (size_t)n, err);
+        if (!rc)
+            rc = s->read(s->ctx, pbs_clod_at(c) + i * sizeof *room, (size_t)n * sizeof *room, room,
+                         err);
+        if (rc) return rc;
+        for (uint64_t j = 0; j < n; j++) {
+            int k = level_of(room[j].spacing);
+            if (k < least) return PBS_OK; /* they fall */
+            if (at_border(room[j].q, c->bits, k)) take_fixed(to, room[j].q, k);
+        }
+    }
+    return PBS_OK;
 }
 
 pbs_code pbs_clod_take_border(pbs_thin *t, const pbs_clod_store *s, const pbs_clod_cell *from,
-                              const pbs_clod_cell *box, int least, pbs_clod_border *room,
-                              pbs_err *err) {
-    const pbs_clod_border *b = from->border ? from->border : room;
+                              const int64_t low[3], const int64_t high[3], int least,
+                              pbs_clod_border *room, pbs_err *err) {
+    taker to = {t, from, {low[0], low[1], low[2]}, {high[0], high[1], high[2]}};
+    if (from->border_count == PBS_CLOD_NO_LIST)
+        return take_points_at_border(&to, s, least, (void *)room, err);
     pbs_code rc = pbs_thin_reserve_fixed(t, from->border_count, err);
-    if (!rc && !from->border)
+    if (!rc)
         rc = s->read(s->ctx, pbs_clod_at(from) + from->count * sizeof(pbs_clod_point),
                      from->border_count * sizeof *room, room, err);
     for (uint32_t i = 0; i < from->border_count && !rc; i++) {
-        if (b[i].k < least) break; /* they fall */
-        int64_t side = (int64_t)1 << b[i].k;
-        struct pbs_thin_fixed f = {.k = b[i].k};
-        bool near = true;
-        for (int k = 0; k < 3; k++) {
-            int64_t q = (int64_t)from->origin[k] + b[i].q[k], o = box ? box->origin[k] : q;
-            f.at[k] = (int32_t)q;
-            near = near && q > o - side && q < o + ((int64_t)1 << (box ? box->bits : 0)) - 1 + side;
-        }
-        if (near) t->fixed[t->fixed_count++] = f;
+        if (room[i].k < least) break; /* they fall */
+        take_fixed(&to, room[i].q, room[i].k);
     }
     return rc;
 }

@@ -50,6 +50,15 @@ static bool fits(int bits, uint64_t count) {
     return bits <= PBS_CLOD_SIDE && (count <= PBS_CLOD_CELL || !bits);
 }
 
+static pbs_code add(pbs_run *run, pbs_clod_cells *to, const pbs_clod_cell *c, pbs_err *err) {
+    to->too_many = to->most && to->count == to->most;
+    if (to->too_many) return pbs_fail(err, PBS_LIMIT, "points too far apart for the lattice");
+    pbs_code rc =
+        pbs_grow(run, &to->cell, &to->room, to->count + 1, sizeof *to->cell, "the cells", err);
+    if (!rc) to->cell[to->count++] = *c;
+    return rc;
+}
+
 /* The cells of one place of the grid at a depth. */
 static pbs_code build(builder *b, uint32_t place, int depth, pbs_err *err) {
     const pbs_clod_grid *g = b->g;
@@ -63,15 +72,11 @@ static pbs_code build(builder *b, uint32_t place, int depth, pbs_err *err) {
         for (uint32_t i = 0; i < 8 && !rc; i++) rc = build(b, 8 * place + i, depth + 1, err);
         return rc;
     }
-    rc = pbs_grow(b->run, &b->out->cell, &b->out->room, b->out->count + 1, sizeof *b->out->cell,
-                  "the cells", err);
-    if (rc) return rc;
     for (size_t i = begin; i < end; i++) g->cell[i] = (uint32_t)b->out->count;
-    pbs_clod_cell *c = &b->out->cell[b->out->count++];
-    *c = (pbs_clod_cell){.bits = bits, .first = b->first, .count = count};
-    for (int k = 0; k < 3; k++) c->origin[k] = g->origin[k] + (gather3(place >> k) << bits);
+    pbs_clod_cell c = {.bits = bits, .first = b->first, .count = count};
+    for (int k = 0; k < 3; k++) c.origin[k] = g->origin[k] + (gather3(place >> k) << bits);
     b->first += count;
-    return PBS_OK;
+    return add(b->run, b->out, &c, err);
 }
 
 pbs_code pbs_clod_cells_of(pbs_run *run, pbs_clod_grid *g, uint64_t first, pbs_clod_cells *out,
@@ -133,12 +138,7 @@ static pbs_code cut(const cutter *u, const pbs_clod_cell *c, pbs_err *err) {
     pbs_clod_cells *out = u->out;
     pbs_code rc = pbs_run_check(u->run, err);
     if (rc) return rc;
-    if (fits(c->bits, c->count)) {
-        rc = pbs_grow(u->run, &out->cell, &out->room, out->count + 1, sizeof *out->cell,
-                      "the cells", err);
-        if (!rc) out->cell[out->count++] = *c;
-        return rc;
-    }
+    if (fits(c->bits, c->count)) return add(u->run, out, c, err);
     pbs_clod_grid g;
     pbs_clod_cells parts = {0};
     rc = pbs_clod_grid_new(u->run, c->bits, c->bits < CUT_DEPTH ? c->bits : CUT_DEPTH, &g, err);
@@ -151,7 +151,7 @@ static pbs_code cut(const cutter *u, const pbs_clod_cell *c, pbs_err *err) {
 
 pbs_code pbs_clod_cut(pbs_run *run, pbs_clod_raw *raw, pbs_clod_cells *cells,
                       void (*done)(void *ctx), void *ctx, pbs_err *err) {
-    pbs_clod_cells out = {0};
+    pbs_clod_cells out = {.most = cells->most};
     const cutter u = {run, raw, &out, done, ctx};
     pbs_code rc = PBS_OK;
     for (size_t i = 0; i < cells->count && !rc; i++) rc = cut(&u, &cells->cell[i], err);
@@ -162,10 +162,6 @@ pbs_code pbs_clod_cut(pbs_run *run, pbs_clod_raw *raw, pbs_clod_cells *cells,
 }
 
 void pbs_clod_cells_free(pbs_run *run, pbs_clod_cells *cells) {
-    for (size_t i = 0; i < cells->count; i++) {
-        pbs_free(run, cells->cell[i].rest);
-        pbs_free(run, cells->cell[i].border);
-    }
     pbs_free(run, cells->cell);
     memset(cells, 0, sizeof *cells);
 }

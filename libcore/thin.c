@@ -41,6 +41,7 @@ pbs_code pbs_thin_new(pbs_run *run, size_t room, pbs_thin *t, pbs_err *err) {
     t->run = run;
     pbs_code rc = pbs_alloc(run, &t->tail, room + 16, sizeof *t->tail, "a level's points", err);
     if (!rc) rc = pbs_alloc(run, &t->row, 64, sizeof *t->row, "a level's points", err);
+    if (!rc) memset(t->row, 0, 64 * sizeof *t->row);
     if (!rc) rc = make_room(run, &t->kept, 1000, err);
     return rc ? rc : make_room(run, &t->other, 1000, err);
 }
@@ -109,6 +110,9 @@ static pbs_code find_runs(pbs_thin *t, const pbs_thin_set *c, int shift, pbs_err
 /* An empty table for the blocks of the candidates and of the fixed points. */
 static pbs_code make_table(pbs_thin *t, const pbs_thin_set *c, int shift, pbs_err *err) {
     pbs_code rc = find_runs(t, c, shift, err);
+    for (size_t i = 0; i < t->block_count; i++) /* of the level before */
+        t->row[t->block[i].at[2] & 63][t->block[i].at[1] & 63] = 0;
+    t->block_count = 0;
     size_t blocks = t->fixed_count + t->run_count, slots = 16;
     while (slots < 2 * blocks) slots *= 2;
     if (!rc && blocks > t->block_room) {
@@ -125,9 +129,7 @@ static pbs_code make_table(pbs_thin *t, const pbs_thin_set *c, int shift, pbs_er
     }
     if (rc) return rc;
     memset(t->slot, 0, slots * sizeof *t->slot);
-    memset(t->row, 0, 64 * sizeof *t->row);
     t->slot_mask = (uint32_t)slots - 1;
-    t->block_count = 0;
     return PBS_OK;
 }
 

@@ -64,8 +64,8 @@ static void take_upper(cloud *c, const pbs_clod_cells *cells, const pbs_clod_upp
         for (size_t r = u->first[i]; r < u->first[i + 1]; r++) {
             size_t at = begin[i] + (r - u->first[i]);
             CHECK(!memcmp(c->q[at], u->rest[r].q, sizeof c->q[at]));
-            CHECK(c->k[at] == pbs_clod_top(&cells->cell[i]) && u->level[r] >= c->k[at]);
-            c->k[at] = u->level[r];
+            CHECK(c->k[at] == pbs_clod_top(&cells->cell[i]) && u->rest[r].level >= c->k[at]);
+            c->k[at] = u->rest[r].level;
             if (u->rest[r].sum[3] > 0) pbs_clod_rest_colour(&u->rest[r], c->colour[at]);
         }
 }
@@ -96,7 +96,7 @@ static void levels(cloud *c, int threads, bool colours) {
     for (size_t i = 0; i < cells.count; i++) at[i] = cells.cell[i].first;
     for (size_t i = 0; i < c->count; i++) p[at[g.cell[pbs_clod_place(&g, from[i].q)]]++] = from[i];
     CHECK(!pbs_clod_cut(&run, p, &cells, NULL, NULL, &err));
-    const pbs_clod_store store = {p, read_memory, write_memory};
+    const pbs_clod_store store = {p, read_memory, write_memory, NULL, NULL};
     CHECK(!pbs_clod_thin(&run, &store, &cells, colours, &err));
     int top = c->bits > 3 ? c->bits - 3 : 0;
     CHECK(!pbs_clod_thin_upper(&run, &store, &cells, top, colours, &u, &err));
