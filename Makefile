@@ -2,6 +2,7 @@
 # make demo       build, and take a real CAD assembly through the whole path to pictures
 # make test       build, and run every test; the last line is "N passed, N failed"
 # make report     error against run time; SCENE=FILE for your own scene, OUT=DIR, MAX_ERROR=E
+# make peers      beside what people use instead; needs optional packages: scripts/deps --peers
 # make bench      figures, as ratios within one run; SCENES=DIR NAMES="..." for your own scenes
 # make fuzz       a minute of damaged files, with clang's fuzzer
 # make lint       layers, headers, man pages, formatting
@@ -77,7 +78,7 @@ modules += meshopt
 endif
 missing := $(filter-out $(modules),gltf image exr mend zstd meshopt)
 
-.PHONY: all test demo report bench fuzz lint install clean deps
+.PHONY: all test demo report peers bench fuzz lint install clean deps
 .SECONDARY:
 .DELETE_ON_ERROR:
 all: $(programs) $(modules:%=$(B)/lib/pbs/%.so)
@@ -172,6 +173,8 @@ demo: deps
 report: deps
 	@$(MAKE) --no-print-directory config=$(config) all
 	@scripts/report $(B) $(or $(OUT),$(B)/report) $(if $(MAX_ERROR),--max-error $(MAX_ERROR)) "$(or $(SCENE),$(demo_scene))"
+peers: all
+	@scripts/peers $(B)
 bench: all $(benches)
 	@scripts/bench $(B) $(if $(SCENES),"$(SCENES)" $(NAMES))
 # Mutates small valid files and looks whether the checker survives; needs clang with libFuzzer.
