@@ -104,7 +104,7 @@ sub spend {
         for (1 .. $self->{best}) {
             my $c = $self->spend_once(ref $command ? @$command : $command);
             $best = $c if !$best || $c->{cpu} < $best->{cpu};
-            last if $best->{cpu} > 4;
+            last if $best->{cpu} > 2;
         }
         $cpu += $best->{cpu};
         $mib = $best->{mib} if $best->{mib} > $mib;
@@ -112,15 +112,15 @@ sub spend {
     return { cpu => $cpu || 1e-6, mib => $mib };
 }
 
-# The length for which count(length) is n, within half a per cent or as near as eight tries come.
+# The length for which count(length) is n, within a per cent or as near as seven tries come.
 sub fit {
     my ($self, $n, $length, $count) = @_;
     my ($best, $off, @before) = ($length, 9**9**9);
-    for (1 .. 8) {
+    for (1 .. 7) {
         my $k = $count->($length) || 1;
         my $log = log($k / $n);
         ($best, $off) = ($length, abs $log) if abs $log < $off;
-        last if $off < 0.005;
+        last if $off < 0.01;
         # Points on a surface: as the square of the length, until two tries say better.
         my $slope = -2;
         $slope = ($log - $before[1]) / log($length / $before[0]) if @before && $length != $before[0];
@@ -164,7 +164,7 @@ sub title {
     chomp(my $kernel = `uname -sr`);
     chomp(my $cores = `nproc`);
     $self->{caption} = "$date, $cores cores of " . ($cpu // 'an unknown processor') . ", $kernel; each program on one processor";
-    $self->say("$self->{caption}, CPU seconds the least of $self->{best} run" . ($self->{best} == 1 ? '' : 's (of one if above 4)') . ', memory resident at most.');
+    $self->say("$self->{caption}, CPU seconds the least of $self->{best} run" . ($self->{best} == 1 ? '' : 's (of one if above 2)') . ', memory resident at most.');
 }
 
 sub cell {
