@@ -3,6 +3,7 @@
 # make test       build, and run every test; the last line is "N passed, N failed"
 # make report     error against run time; SCENE=FILE for your own scene, OUT=DIR, MAX_ERROR=E
 # make scaling    cost over size, threads and memory; OUT=DIR, MOST=N triangles of the largest input
+# make peers      beside what people use instead; needs optional packages: scripts/deps --peers
 # make bench      figures, as ratios within one run; SCENES=DIR NAMES="..." for your own scenes
 # make fuzz       a minute of damaged files, with clang's fuzzer
 # make lint       layers, headers, man pages, formatting
@@ -78,7 +79,7 @@ modules += meshopt
 endif
 missing := $(filter-out $(modules),gltf image exr mend zstd meshopt)
 
-.PHONY: all test demo report scaling bench fuzz lint install clean deps
+.PHONY: all test demo report scaling peers bench fuzz lint install clean deps
 .SECONDARY:
 .DELETE_ON_ERROR:
 all: $(programs) $(modules:%=$(B)/lib/pbs/%.so)
@@ -176,6 +177,8 @@ report: deps
 scaling: deps
 	@$(MAKE) --no-print-directory config=$(config) all
 	@scripts/scaling $(B) $(or $(OUT),$(B)/scaling) $(if $(MOST),--most $(MOST))
+peers: all
+	@scripts/peers $(B)
 bench: all $(benches)
 	@scripts/bench $(B) $(if $(SCENES),"$(SCENES)" $(NAMES))
 # Mutates small valid files and looks whether the checker survives; needs clang with libFuzzer.

@@ -6,9 +6,9 @@ say() { [ -z "$2" ] || { echo "$1:"; echo "$2"; bad=1; }; }
 say "libcore includes from above" "$(grep -nE '#include "(formats|cmd|tests)/' libcore/*.[ch])"
 say "formats includes from above" "$(grep -rnE '#include "(cmd|tests)/' formats)"
 say "a foreign library outside formats/foreign" "$(grep -nE '#include <(OpenImageIO|openexr|OpenEXR|Imath|draco|tiny_gltf|nlohmann|CGAL)' libcore/*.[ch] formats/*.[ch] cmd/*.[ch] cmd/*/*.[ch])"
-say "C++ outside formats/foreign" "$(find cmd libcore formats tests -name '*.cpp' -o -name '*.hpp' | grep -vE '^(formats/foreign|tests/oracle)/')"
+say "C++ outside formats/foreign" "$(find cmd libcore formats tests -name '*.cpp' -o -name '*.hpp' | grep -vE '^(formats/foreign|tests/oracle|tests/peers)/')"
 say "libcore prints, exits or opens" "$(nm -Au "$PBS_BUILD/libcore.a" | grep -wE 'printf|fprintf|vprintf|puts|putchar|fputs|fwrite|exit|abort|fopen|open|creat|getenv|perror|write|read')"
-for d in cmd libcore formats formats/foreign tests tests/oracle testdata man scripts cmd/pbs-view; do
+for d in cmd libcore formats formats/foreign tests tests/oracle tests/peers testdata man scripts cmd/pbs-view; do
     [ -e "$d/README" ] || { echo "$d has no README"; bad=1; continue; }
     for f in "$d"/*; do
         f=$(basename "$f")
