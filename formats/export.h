@@ -37,7 +37,8 @@ typedef struct pbs_export_options {
     uint64_t prefix, count;         /* 0: not wanted */
     int level;                      /* of voxels; -1: not wanted */
     int64_t node;                   /* the top, in its own coordinates; -1: the root */
-    bool faces;                     /* voxels as their faces, and no points */
+    bool faces;                     /* voxels as their faces, and no points; where faces have
+                                       colours or materials, in those */
     bool radius;                    /* the spacing of each point, too */
     bool z_up;                      /* GLB: the input's z becomes y */
     const char *input, *output, *stage;
@@ -67,7 +68,8 @@ typedef struct pbs_export_tally {
 /* A node's own data. */
 typedef struct pbs_export_data {
     size_t first; /* its chunks in the directory, from here on; there may be others in between */
-    uint32_t chunks, tag;
+    size_t first_face; /* likewise its faces' attributes */
+    uint32_t chunks, tag, face_chunks;
     int level;         /* of voxels */
     bool below;        /* there is something in it or below it */
     bool moving;       /* below it something moves */
@@ -108,6 +110,10 @@ typedef struct pbs_exporter {
     double spacing;
     uint64_t share, equal, seen;
     uint64_t left_out; /* points, where only faces are written */
+    uint32_t *palette; /* colours of materials, as those of voxels */
+    size_t palette_count;
+    uint32_t *face; /* colours of the faces of the node that is read */
+    size_t face_count, face_cap;
     /* Working memory of the reading. */
     pbs_export_block block;
     pbs_points points; /* a window of them */
@@ -137,6 +143,10 @@ pbs_code pbs_export_tally_of(pbs_exporter *x, uint32_t node, double scale, pbs_e
  * directory, kept from call to call. */
 pbs_code pbs_export_chunk(pbs_exporter *x, uint32_t node, uint32_t i, size_t *at, pbs_chunk *c,
                           pbs_err *err);
+
+/* The materials, once; the colours of a node's faces: none, where they have no attributes. */
+pbs_code pbs_export_palette(pbs_exporter *x, pbs_err *err);
+pbs_code pbs_export_faces(pbs_exporter *x, uint32_t node, pbs_err *err);
 
 /* Everything that is chosen, block by block, always the same. */
 typedef pbs_code (*pbs_export_block_fn)(void *ctx, const pbs_export_block *b, pbs_err *err);

@@ -45,6 +45,8 @@ static pbs_code find_data(pbs_exporter *x, pbs_err *err) {
     for (size_t i = 0; i < x->entry_count && !rc; i++) {
         const pbs_chunk *e = &x->entries[i];
         bool points = e->tag == PBS_TAG_POINTS, voxels = e->tag == PBS_TAG_VOXELS;
+        if (e->tag == PBS_TAG_FACES && e->node < x->count && !x->data[e->node].face_chunks++)
+            x->data[e->node].first_face = i;
         if (!points && !voxels) continue;
         pbs_export_data *d = e->node < x->count ? &x->data[e->node] : NULL;
         if (!d || (d->chunks && d->tag != e->tag) || e->first != (uint32_t)seen[e->node] ||
@@ -212,6 +214,7 @@ pbs_code pbs_export_walk(pbs_exporter *x, pbs_export_placing_fn take, void *ctx,
 static uint32_t written_channels(const pbs_exporter *x) {
     uint32_t points = x->record.stride && !x->o->faces ? x->record.channels : ~0u;
     uint32_t voxels = x->voxels ? x->voxels | PBS_SPACING : ~0u;
+    if (x->o->faces && x->voxels & PBS_FACE) voxels |= PBS_COLOUR;
     uint32_t asked = PBS_NORMAL | PBS_COLOUR | (x->o->radius ? PBS_SPACING : 0);
     if (x->o->faces) asked &= ~(uint32_t)PBS_SPACING;
     return points & voxels & asked;
@@ -276,6 +279,7 @@ pbs_code pbs_export_open(pbs_exporter *x, pbs_err *err) {
     if (!rc) rc = read_nodes(x, err);
     if (!rc) rc = find_data(x, err);
     if (!rc) rc = check_options(x, err);
+    if (!rc && x->o->faces) rc = pbs_export_palette(x, err);
     if (rc) return rc;
     look_below(x);
     x->top = x->o->node < 0 ? (uint32_t)x->count - 1 : (uint32_t)x->o->node;
@@ -288,6 +292,8 @@ void pbs_export_close(pbs_exporter *x) {
     for (size_t i = 0; i < x->count; i++) pbs_node_free(x->run, &x->node[i]);
     pbs_free(x->run, x->node);
     pbs_free(x->run, x->data);
+    pbs_free(x->run, x->palette);
+    pbs_free(x->run, x->face);
     pbs_free(x->run, x->block.position);
     pbs_free(x->run, x->block.normal);
     pbs_free(x->run, x->block.colour);

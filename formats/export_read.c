@@ -173,6 +173,16 @@ static void voxel_normal(const pbs_voxels *v, size_t i, float out[3]) {
     }
 }
 
+/* That of the face, whose place in the node's list follows from the faces before it; else that of
+ * the voxel. */
+static uint32_t face_colour(const pbs_exporter *x, const pbs_voxels *v, size_t i, int face,
+                            uint32_t colour) {
+    if (!v->face || !x->face_count) return colour;
+    uint32_t before = v->place[i] >> 24 & ((1u << face) - 1);
+    uint64_t at = (uint64_t)v->face[i] + (uint64_t)__builtin_popcount(before);
+    return at < x->face_count ? x->face[at] : colour;
+}
+
 static void put_voxel(placed *p, const pbs_voxels *v, size_t i) {
     uint8_t place[4];
     uint32_t colour = v->colour ? v->colour[i] : UINT32_MAX;
@@ -185,7 +195,8 @@ static void put_voxel(placed *p, const pbs_voxels *v, size_t i) {
     }
     bool own = v->normal && v->normal[i];
     for (int f = 0; f < 6; f++)
-        if (place[3] >> f & 1) put_face(p, place, f, own ? normal : NULL, colour);
+        if (place[3] >> f & 1)
+            put_face(p, place, f, own ? normal : NULL, face_colour(p->x, v, i, f, colour));
 }
 
 static pbs_code read_voxels(placed *p, const pbs_chunk *c, pbs_err *err) {
@@ -229,7 +240,7 @@ static pbs_code read_placing(void *ctx, uint32_t node, const double m[12], doubl
     x->block.voxels = voxels;
     /* Half a step is what is lost already; voxels are to fit together. */
     x->block.grain = x->node[node].lattice * scale / (voxels ? 256 : 1);
-    pbs_code rc = voxels ? PBS_OK : share_of(&p, err);
+    pbs_code rc = voxels ? pbs_export_faces(x, node, err) : share_of(&p, err);
     for (uint32_t i = 0; i < d->chunks && !rc; i++) {
         pbs_chunk c;
         if (!voxels && x->o->prefix && p.at >= x->o->prefix) break;

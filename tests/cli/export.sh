@@ -43,6 +43,18 @@ for f in a s mixed up v; do echo $f "$(wc -c <$f.glb)"; done
 echo "--- stats"
 pbs-export -l 1 v.vox -v -o l.ply 2>&1 | grep voxels
 pbs-export -v -n 300 s.pbs -o s.glb 2>&1 | grep -vE 'seconds|memory'
+echo "--- colours of single faces"
+printf 'newmtl r\nKd 1 0 0\nnewmtl g\nKd 0 0.5 0\n' >two.mtl
+printf 'mtllib two.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 0.01\nv 1 0 0.01\nv 1 1 0.01\nv 0 1 0.01\nusemtl r\nf 1 4 3 2\nusemtl g\nf 5 6 7 8\n' >two.obj
+for what in colour material; do
+    pbs-voxelize -q -r 16 --orientation trust --per-face $what two.obj | pbs-flatten -q -o two.pbs
+    pbs-export --faces two.pbs -o two-$what.ply
+    # Four corners a face: place, normal, colour. What is under the plate is red, what is on it green.
+    sed '1,/end_header/d' two-$what.ply | head -c $((28 * $(points two-$what.ply | cut -d ' ' -f 3))) |
+        od -An -v -w28 -tf4 -tu1 | awk 'NR % 2 { z[int(NR / 2) % 4] = $3; next }
+        NR % 8 == 0 && z[0] == z[1] && z[1] == z[2] { print (z[0] < 0.005) ? "under" : "on", $25, $26, $27 }' |
+        sort | uniq -c
+done
 echo "--- refused"
 status pbs-export a.pbs -o a.obj
 status pbs-export a.pbs
