@@ -279,6 +279,7 @@ static pbs_code work(pbs_app *app, void *opt, pbs_err *err) {
     if (!rc) rc = pbs_scene_images(&j.scene, &j.images, err);
     if (!rc) rc = set_up(&j, err);
     if (!rc) rc = open_writer(&j, err);
+    if (!rc) rc = pbs_motions_write(&app->run, j.w, &j.scene.motions, err);
     if (!rc) rc = draw_nodes(&j, err);
     if (!rc) add_stats(&j);
     if (!rc) rc = pbs_failures_end(&j.failures, err);

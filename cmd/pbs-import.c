@@ -62,6 +62,10 @@ static pbs_code import(pbs_app *app, pbs_input *in, pbs_writer *w, const options
         pbs_stat_count(app, "assemblies_unified", t.assemblies_unified);
         pbs_stat_count(app, "parts_split", t.parts_split);
         pbs_stat_count(app, "groups", t.groups);
+        if (t.motions) {
+            pbs_stat_count(app, "animations", t.animations);
+            pbs_stat_count(app, "motions", t.motions);
+        }
         pbs_stat_count(app, "bytes", pbs_writer_bytes(w));
         pbs_note_skips(app, in->name, t.skipped);
         rc = pbs_failures_end(&failures, err);

@@ -83,10 +83,19 @@ static bool place_of(const printer *p, const pbs_chunk *c, pbs_voxel_place *plac
     return one.payload && !pbs_voxels_view("", p->voxels, &one, one.first, place, &v, NULL);
 }
 
+/* The name of an animation, or its beginning; false: the chunk is none, or damaged. */
+static bool name_of(const printer *p, const pbs_chunk *c, char out[200]) {
+    const uint8_t *at = c->payload ? c->payload : pbs_reader_peek(p->r, c);
+    if (c->tag != PBS_TAG_ANIMATION || c->stored < 8 || !at) return false;
+    snprintf(out, 200, "%.*s", (int)(c->stored < 200 ? c->stored - 8 : 192), (const char *)at + 8);
+    return true;
+}
+
 static void print_chunk(const printer *p, const pbs_chunk *c) {
     char tag[5], node[16] = "-";
     pbs_voxel_place at;
-    bool has_place = place_of(p, c, &at);
+    char name[200];
+    bool has_place = place_of(p, c, &at), has_name = name_of(p, c, name);
     pbs_tag_text(c->tag, tag);
     if (c->node != UINT32_MAX) snprintf(node, sizeof node, "%u", c->node);
     if (!p->o->json) {
@@ -98,6 +107,7 @@ static void print_chunk(const printer *p, const pbs_chunk *c) {
         if (c->codec && c->codec < PBS_CODECS) printf("  %s", pbs_codec_name[c->codec]);
         if (has_place)
             printf("  level %u, %u %u %u", at.level, at.chunk[0], at.chunk[1], at.chunk[2]);
+        if (has_name) printf("  "), print_clean(name, false);
         printf("\n");
         return;
     }
@@ -109,6 +119,7 @@ static void print_chunk(const printer *p, const pbs_chunk *c) {
     if (has_place)
         printf(", \"level\": %u, \"cells\": [%u, %u, %u]", at.level, at.chunk[0], at.chunk[1],
                at.chunk[2]);
+    if (has_name) printf(", \"name\": "), pbs_print_json_text(name, strlen(name));
     printf("}");
 }
 

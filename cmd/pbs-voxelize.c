@@ -399,6 +399,7 @@ static void add_stats(job *j) {
     pbs_note_skips(app, name, j->scene.skipped);
     if (j->total.lost)
         pbs_note(app, "%s: triangles with corners farther than 2^1000 voxels are left out", name);
+    if (j->scene.motions.count) pbs_note(app, "%s: what an animation moves is shown at rest", name);
     if (j->singular)
         pbs_note(app, "%s: %llu placings have a transform that cannot be inverted", name,
                  (unsigned long long)j->singular);

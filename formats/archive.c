@@ -66,6 +66,18 @@ static pbs_code read_nodes(pbs_archive *a, pbs_err *err) {
     return rc;
 }
 
+static pbs_code read_motions(pbs_archive *a, pbs_err *err) {
+    const char *name = pbs_reader_name(a->reader);
+    pbs_code rc = PBS_OK;
+    for (size_t i = 0; !rc && i < a->chunk_count; i++) {
+        pbs_chunk c;
+        if (!pbs_is_motion(a->chunks[i].tag)) continue;
+        rc = pbs_reader_at(a->reader, &a->chunks[i], &c, err);
+        if (!rc) rc = pbs_motions_take(a->run, name, &c, &a->motions, err);
+    }
+    return rc ? rc : pbs_motions_fit(name, &a->motions, a->nodes, a->node_count, err);
+}
+
 static pbs_code list_textures(pbs_archive *a, pbs_err *err) {
     size_t n = count_tag(a, PBS_TAG_TEXTURE);
     pbs_code rc = pbs_alloc(a->run, &a->textures, n, sizeof *a->textures, "the textures", err);
@@ -178,6 +190,7 @@ static pbs_code read_index(pbs_archive *a, pbs_err *err) {
     if (!rc && a->chunk_count > UINT32_MAX)
         rc = pbs_fail(err, PBS_LIMIT, "%s: more than 2^32 - 1 chunks", name);
     if (!rc) rc = read_nodes(a, err);
+    if (!rc) rc = read_motions(a, err);
     if (!rc) rc = list_textures(a, err);
     if (!rc) rc = read_materials(a, err);
     if (!rc) rc = list_data(a, err);
@@ -223,6 +236,7 @@ void pbs_archive_close(pbs_archive *a) {
     pbs_free(a->run, a->data);
     pbs_free(a->run, a->begin);
     pbs_free(a->run, a->textures);
+    pbs_motions_free(a->run, &a->motions);
     pbs_free(a->run, a->placings);
     pbs_free(a->run, a->moving);
     pbs_reader_close(a->reader);

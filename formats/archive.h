@@ -1,9 +1,9 @@
 /* archive.h: an archive, opened for the player: what is in it at once, its data when it is asked
  * for (DESIGN section 3).
  *
- * Opening reads the header, the directory, and the chunks of nodes and materials: its cost is that
- * of the index, whatever the file's size. Everything else lies in chunks of data, each of one node
- * and one sort, which any thread fetches when it wants it.
+ * Opening reads the header, the directory, and the chunks of nodes, motions and materials: its cost
+ * is that of the index, whatever the file's size. Everything else lies in chunks of data, each of
+ * one node and one sort, which any thread fetches when it wants it.
  *
  * The channels line of an archive is that of its surfels, that of its voxels, or both, one behind
  * the other: a record of surfels begins with position, one of voxels with place.
@@ -11,7 +11,7 @@
 #ifndef PBS_FORMAT_ARCHIVE_H
 #define PBS_FORMAT_ARCHIVE_H
 
-#include "formats/node.h"
+#include "formats/motions.h"
 #include "formats/octaves.h"
 #include "formats/points.h"
 #include "formats/voxels.h"
@@ -44,8 +44,9 @@ typedef struct pbs_archive {
     uint32_t
         *textures; /* numbers of the TEXR chunks. None: those that materials name are not here */
     size_t texture_count;
-    uint64_t *placings; /* of nodes with any data, below and including each node */
-    uint64_t *moving;   /* placings that an animation moves, below each node */
+    pbs_motions motions; /* keys point into the map */
+    uint64_t *placings;  /* of nodes with any data, below and including each node */
+    uint64_t *moving;    /* placings that an animation moves, below each node */
 } pbs_archive;
 
 /* Of an archive, or a stream of voxels, in which all is there too. path NULL: standard input, which

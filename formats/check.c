@@ -28,6 +28,8 @@ typedef struct state {
     size_t cap;
     uint32_t textures, materials; /* so far */
     uint64_t textures_end;        /* textures that materials name are below */
+    pbs_motions motions;          /* so far; their keys are gone */
+    uint32_t motions_end;         /* motions that placings name are below */
     pbs_checked *out;
 } state;
 
@@ -109,6 +111,8 @@ static pbs_code check_node(state *s, const pbs_chunk *c, pbs_err *err) {
         node_state *known = &s->nodes[n.id];
         s->out->nodes++;
         known->promised = n.records;
+        for (uint32_t i = 0; i < n.child_count; i++)
+            if (n.children[i].motion > s->motions_end) s->motions_end = n.children[i].motion;
         memcpy(known->lattice.min, n.lattice_min, sizeof n.lattice_min);
         known->lattice.step = n.lattice;
         if (!s->archive && known->records != n.records)
@@ -183,6 +187,7 @@ static pbs_code check_chunk(state *s, const pbs_chunk *c, pbs_err *err) {
     if (c->tag == PBS_TAG_VOXELS || c->tag == PBS_TAG_FACES) return check_voxels(s, c, err);
     if (c->tag == PBS_TAG_MATERIAL) return check_material(s, c, err);
     if (c->tag == PBS_TAG_TEXTURE) return check_texture(s, c, err);
+    if (pbs_is_motion(c->tag)) return pbs_motions_take(s->run, s->name, c, &s->motions, err);
     return PBS_OK;
 }
 
@@ -191,6 +196,9 @@ static pbs_code check_promises(const state *s, pbs_err *err) {
     if (s->archive && s->textures && s->textures_end > s->textures)
         return pbs_fail(err, PBS_DATA, "%s: a material names texture %llu, which is not there",
                         s->name, (unsigned long long)s->textures_end - 1);
+    if (s->motions_end > s->motions.count)
+        return pbs_fail(err, PBS_DATA, "%s: a placing names motion %u, which is not there", s->name,
+                        s->motions_end - 1);
     for (uint64_t i = 0; i < s->out->nodes; i++) {
         uint64_t entries = s->nodes[i].entries;
         if (entries && entries != pbs_octave_entries(&entry, s->nodes[i].records))
@@ -262,6 +270,7 @@ pbs_code pbs_check_file(pbs_run *run, pbs_input *in, pbs_checked *out, pbs_err *
     out->bytes = pbs_reader_bytes(s.r);
     pbs_voxel_check_free(s.voxels);
     pbs_free(run, s.nodes);
+    pbs_motions_free(run, &s.motions);
     pbs_reader_close(s.r);
     return rc;
 }

@@ -23,10 +23,15 @@ static pbs_code push(stack *s, uint32_t node, const double m[12], pbs_err *err) 
     return PBS_OK;
 }
 
-/* Children have smaller ids than their parents, so the stack is never higher than there are
- * nodes. */
 pbs_code pbs_dag_walk(pbs_run *run, const pbs_node *nodes, size_t count, pbs_visit_fn visit,
                       void *ctx, pbs_err *err) {
+    return pbs_dag_walk_posed(run, nodes, count, NULL, visit, ctx, err);
+}
+
+/* Children have smaller ids than their parents, so the stack is never higher than there are
+ * nodes. */
+pbs_code pbs_dag_walk_posed(pbs_run *run, const pbs_node *nodes, size_t count,
+                            const double (*pose)[12], pbs_visit_fn visit, void *ctx, pbs_err *err) {
     stack s = {.run = run};
     bool descend = true;
     pbs_code rc = visit(ctx, (uint32_t)count - 1, PBS_IDENTITY, 0, &descend, err);
@@ -41,7 +46,7 @@ pbs_code pbs_dag_walk(pbs_run *run, const pbs_node *nodes, size_t count, pbs_vis
         }
         const pbs_child *c = &n->children[f->next++];
         double m[12];
-        pbs_xform_mul(m, f->m, c->m);
+        pbs_xform_mul(m, f->m, pbs_pose_of(pose, c));
         descend = true;
         rc = visit(ctx, c->node, m, c->flags, &descend, err);
         if (!rc && descend && nodes[c->node].child_count) rc = push(&s, c->node, m, err);

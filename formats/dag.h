@@ -14,6 +14,10 @@ typedef pbs_code (*pbs_visit_fn)(void *ctx, uint32_t node, const double m[12], u
 pbs_code pbs_dag_walk(pbs_run *run, const pbs_node *nodes, size_t count, pbs_visit_fn visit,
                       void *ctx, pbs_err *err);
 
+/* The same with motions in their poses (pbs_pose_of). */
+pbs_code pbs_dag_walk_posed(pbs_run *run, const pbs_node *nodes, size_t count,
+                            const double (*pose)[12], pbs_visit_fn visit, void *ctx, pbs_err *err);
+
 /* How often things are placed below each node, when node i itself has own(ctx, i) of them; a walk
  * that leaves out subtrees with none of them ends even if 64 levels of two equal children each
  * place an empty node 2^64 times. Saturates at UINT64_MAX. *out: an array of count, for pbs_free.

@@ -20,7 +20,8 @@ typedef struct mender {
     const pbs_sink *sink;
     pbs_mend_totals *totals;
     uint32_t *node; /* what the nodes of the scene are behind the writer */
-    uint64_t done;  /* triangles */
+    uint32_t *motion;
+    uint64_t done; /* triangles */
 } mender;
 
 /* A part while it is being repaired. */
@@ -212,13 +213,14 @@ static pbs_code put_assembly(mender *m, const pbs_node *n, uint32_t *id, pbs_err
     for (uint32_t i = 0; i < n->child_count; i++) {
         child[i] = n->children[i];
         child[i].node = m->node[child[i].node];
+        if (child[i].motion) child[i].motion = m->motion[child[i].motion - 1];
     }
     rc = m->sink->assembly(m->sink->ctx, n->name, child, n->child_count, id, err);
     pbs_free(run, child);
     return rc;
 }
 
-static pbs_code put_looks(const mender *m, pbs_err *err) {
+static pbs_code put_looks(mender *m, pbs_err *err) {
     const pbs_scene *s = m->scene;
     const pbs_sink *to = m->sink;
     pbs_code rc = PBS_OK;
@@ -229,6 +231,10 @@ static pbs_code put_looks(const mender *m, pbs_err *err) {
     }
     for (size_t i = 0; i < s->material_count && !rc; i++)
         rc = to->material(to->ctx, &s->materials[i], &id, err);
+    for (size_t i = 0; i < s->motions.animation_count && !rc; i++)
+        rc = to->animation(to->ctx, s->motions.animations[i].name, &id, err);
+    for (size_t i = 0; i < s->motions.count && !rc; i++)
+        rc = to->motion(to->ctx, &s->motions.motions[i], &m->motion[i], err);
     for (int i = 0; i < PBS_SKIP_KINDS && !rc; i++) to->skip(to->ctx, i, s->skipped[i]);
     return rc;
 }
@@ -254,6 +260,8 @@ pbs_code pbs_scene_mend(const pbs_scene *s, const pbs_mend_options *options, pbs
     m.module = module;
     m.sink = pbs_scene_sink(to);
     rc = pbs_alloc(s->run, &m.node, s->node_count, sizeof *m.node, "the table of nodes", err);
+    if (!rc)
+        rc = pbs_alloc(s->run, &m.motion, s->motions.count, sizeof *m.motion, "the motions", err);
     if (!rc) rc = put_looks(&m, err);
     for (uint32_t i = 0; i < s->node_count && !rc; i++) {
         rc = pbs_run_check(s->run, err);
@@ -261,5 +269,6 @@ pbs_code pbs_scene_mend(const pbs_scene *s, const pbs_mend_options *options, pbs
     }
     if (!rc) rc = m.sink->root(m.sink->ctx, m.node[s->node_count - 1], err);
     pbs_free(s->run, m.node);
+    pbs_free(s->run, m.motion);
     return rc;
 }

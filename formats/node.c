@@ -19,11 +19,12 @@ enum {
     AT_CHILDREN = 152,
     AT_WANTED = 156,
     FIXED = 160,
-    /* one child: f64 transform[12], u32 node, u32 flags, u32 name bytes, u32 zero, name to 8 */
+    /* one child: f64 transform[12], u32 node, u32 flags, u32 name bytes, u32 motion, name to 8 */
     CHILD_FIXED = 112,
     CHILD_NODE_AT = 96,
     CHILD_FLAGS_AT = 100,
-    CHILD_NAME_AT = 104
+    CHILD_NAME_AT = 104,
+    CHILD_MOTION_AT = 108
 };
 
 static size_t name_bytes(const char *name) {
@@ -94,6 +95,7 @@ pbs_code pbs_node_write(pbs_run *run, pbs_writer *w, const pbs_node *n, pbs_err 
         pbs_put_u32(p + CHILD_NODE_AT, c->node);
         pbs_put_u32(p + CHILD_FLAGS_AT, c->flags);
         pbs_put_u32(p + CHILD_NAME_AT, (uint32_t)name_bytes(c->name));
+        pbs_put_u32(p + CHILD_MOTION_AT, c->motion);
         p = put_name(p + CHILD_FIXED, c->name);
     }
     pbs_chunk c = {.tag = PBS_TAG_NODE, .flags = n->flags, .node = n->id, .count = 1};
@@ -175,9 +177,10 @@ static pbs_code get_children(pbs_run *run, cursor *cur, pbs_node *n, bool *ok, p
         if (!*ok) break;
         c->node = pbs_get_u32(p + CHILD_NODE_AT);
         c->flags = pbs_get_u32(p + CHILD_FLAGS_AT);
+        c->motion = pbs_get_u32(p + CHILD_MOTION_AT);
         uint32_t bytes = pbs_get_u32(p + CHILD_NAME_AT);
         if (bytes) rc = get_name(run, cur, bytes, &c->name, ok, err);
-        *ok = *ok && c->node < n->id;
+        *ok = *ok && c->node < n->id && (!c->motion || c->flags & PBS_CHILD_MOVES);
     }
     return rc;
 }

@@ -48,4 +48,10 @@ pbs_code pbs_node_write(pbs_run *run, pbs_writer *w, const pbs_node *node, pbs_e
 pbs_code pbs_node_read(pbs_run *run, const char *place, const pbs_chunk *chunk, uint32_t expect,
                        pbs_node *out, pbs_err *err);
 void pbs_node_free(pbs_run *run, pbs_node *node);
+
+/* The transform of a placing: pose[i] is that of motion number i, which has i + 1 in its placings.
+ * pose NULL: everything rests. */
+static inline const double *pbs_pose_of(const double (*pose)[12], const pbs_child *child) {
+    return pose && child->motion ? pose[child->motion - 1] : child->m;
+}
 #endif

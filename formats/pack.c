@@ -31,6 +31,7 @@ static void watch(pbs_pack *p, const pack_input *in) {
 static void free_input(pbs_run *run, pack_input *in) {
     pbs_free(run, in->material);
     pbs_free(run, in->texture);
+    pbs_motions_free(run, &in->motions);
     if (in->kind == PACK_SCENE)
         pbs_scene_close(&in->scene);
     else
@@ -43,6 +44,7 @@ void pbs_pack_free(pbs_pack *p) {
     pbs_trim_close(&p->trim);
     pbs_writer_close(p->w);
     pbs_cloudpack_free(p->cloud);
+    pack_free_motions(p);
     for (size_t i = 0; i < p->cloud_count; i++) pbs_cloud_close(&p->clouds[i]);
     for (size_t i = 0; i < p->entry_count; i++) pbs_node_free(run, &p->entries[i].node);
     for (int i = 0; i < p->input_count; i++) free_input(run, &p->inputs[i]);
@@ -376,7 +378,7 @@ static char *history_of(const pbs_pack *p) {
 }
 
 static uint64_t count_chunks(pbs_pack *p) {
-    uint64_t n = p->material_count + p->texture_count;
+    uint64_t n = p->material_count + p->texture_count + p->animation_count + p->motion_count;
     if (p->cloud) n += pbs_cloudpack_chunks(p->cloud);
     for (size_t i = 0; i < p->entry_count; i++) {
         const pack_entry *e = &p->entries[i];
@@ -407,6 +409,7 @@ static pbs_code open_writer(pbs_pack *p, const pbs_writer_desc *desc, pbs_err *e
 static pbs_code write_archive(pbs_pack *p, const pbs_writer_desc *desc, pbs_err *err) {
     pbs_code rc = open_writer(p, desc, err);
     if (!rc) rc = write_nodes(p, err);
+    if (!rc) rc = pack_write_motions(p, err);
     if (!rc) rc = pack_write_materials(p, err);
     if (!rc) rc = write_down(p, false, err);
     if (!rc) rc = write_voxels(p, false, err);
@@ -435,6 +438,7 @@ static pbs_code prepare(pbs_pack *p, pbs_err *err) {
     p->out = channels ? pbs_record_make(channels, true) : (pbs_record){0};
     p->has_root = nodes > 1;
     rc = pack_look_number(p, err);
+    if (!rc) rc = pack_motions(p, err);
     if (!rc) rc = pack_same(p, err);
     for (size_t i = 0; i < p->entry_count && !rc; i++)
         if (pack_is_kept(p, i)) rc = pack_choose_lattice(p, &p->entries[i], err);

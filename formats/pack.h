@@ -20,9 +20,12 @@
  * The first stream of each of the two sorts that is the scene's and has no other is taken, and both
  * may be. A scene that nothing is made from becomes a node like the others, with its meshes.
  *
- * Order of chunks: NODE; MATL; points with their octaves (OCTV, PNTS) from the last node to the
- * first; voxels (VOXL, VFAC) from the coarsest level to the finest; MESH, which only close views
- * need, in the same two orders; TEXR; chunks that nobody knows.
+ * Motions (motions.h) of nodes that the archive has come along; animations of several inputs that
+ * have the same name are one. Nodes of voxels have none: they are the scene at rest.
+ *
+ * Order of chunks: NODE; ANIM; MOTN; MATL; points with their octaves (OCTV, PNTS) from the last
+ * node to the first; voxels (VOXL, VFAC) from the coarsest level to the finest; MESH, which only
+ * close views need, in the same two orders; TEXR; chunks that nobody knows.
  *
  * What is promised. Records of surfels are quantised (quant.h); positions of a cloud are as
  * cloudpack.h says; vertices of meshes move by at most 2^-24 of their distance from the node's

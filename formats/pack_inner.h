@@ -3,6 +3,7 @@
 #define PBS_PACK_INNER_H
 
 #include "formats/known.h"
+#include "formats/motions.h"
 #include "formats/octaves.h"
 #include "formats/pack.h"
 #include "formats/scene.h"
@@ -17,8 +18,9 @@ typedef struct pack_input {
     pack_kind kind;
     pbs_reader *reader; /* a scene's is the scene's; a cloud has none */
     pbs_scene scene;
-    pbs_record record; /* of surfels; stride 0: there are none */
-    uint32_t voxels;   /* channels */
+    pbs_record record;   /* of surfels; stride 0: there are none */
+    uint32_t voxels;     /* channels */
+    pbs_motions motions; /* of a stream; a scene has its own */
     const pbs_chunk *entries;
     size_t entry_count;
     size_t first_node, node_count; /* in the table; none: a scene whose meshes are elsewhere */
@@ -75,6 +77,9 @@ struct pbs_pack {
     size_t voxel_nodes;
     pack_look *materials, *textures; /* that are written, by their numbers */
     size_t material_count, material_cap, texture_count, texture_cap;
+    const char **animations; /* names, which are the inputs' */
+    pbs_motion *motions;     /* with channels of their own, and keys of the inputs */
+    size_t animation_count, animation_cap, motion_count, motion_cap;
     pbs_reader **spools; /* meshes by chunks of cells */
     size_t spool_count, spool_cap;
     uint8_t *payload; /* of a mesh that is changed */
@@ -88,14 +93,15 @@ struct pbs_pack {
 static inline bool pack_is_material(uint32_t tag) {
     return tag == PBS_TAG_MATERIAL || tag == PBS_TAG_TEXTURE;
 }
-/* Data of nodes; what is neither this nor above nor a NODE nor CNTS is somebody else's. */
+/* Data of nodes; what is neither this nor above nor a NODE, CNTS, ANIM or MOTN is somebody
+ * else's. */
 static inline bool pack_is_data(uint32_t tag) {
     return tag == PBS_TAG_POINTS || tag == PBS_TAG_OCTAVES || tag == PBS_TAG_VOXELS ||
            tag == PBS_TAG_FACES || tag == PBS_TAG_MESH;
 }
 static inline bool pack_is_other(uint32_t tag) {
     return !pack_is_data(tag) && !pack_is_material(tag) && tag != PBS_TAG_NODE &&
-           tag != PBS_TAG_COUNTS;
+           tag != PBS_TAG_COUNTS && !pbs_is_motion(tag);
 }
 static inline bool pack_is_kept(const pbs_pack *p, size_t entry) {
     return p->entries[entry].same == entry;
@@ -118,6 +124,10 @@ pbs_code pack_cells(pbs_pack *p, int scene, int voxels, const pbs_grid *grid, pb
 pbs_code pack_look_number(pbs_pack *p, pbs_err *err);
 pbs_code pack_write_materials(pbs_pack *p, pbs_err *err);
 pbs_code pack_write_textures(pbs_pack *p, pbs_err *err);
+/* pack_motion.c: motions, and the nodes' numbers of them, when all nodes are in the table. */
+pbs_code pack_motions(pbs_pack *p, pbs_err *err);
+pbs_code pack_write_motions(pbs_pack *p, pbs_err *err);
+void pack_free_motions(pbs_pack *p);
 /* pack_same.c: equal nodes get one that stands for them. */
 pbs_code pack_same(pbs_pack *p, pbs_err *err);
 /* pack_points.c: surfels of a node: its lattice, which must be known before all; and written. */

@@ -19,7 +19,7 @@ static void add_node(pbs_digest *d, const pbs_node *n) {
     pbs_digest_add(d, &name, sizeof name);
     for (uint32_t i = 0; i < n->child_count; i++) {
         const pbs_child *c = &n->children[i];
-        const uint64_t what[] = {c->node, c->flags, pbs_digest_text(c->name)};
+        const uint64_t what[] = {c->node, c->flags, c->motion, pbs_digest_text(c->name)};
         pbs_digest_add(d, what, sizeof what);
         pbs_digest_add(d, c->m, sizeof c->m);
     }

@@ -70,7 +70,14 @@ static pbs_code count_chunk(const pbs_pack *p, const pack_input *in, const pbs_c
     return rc;
 }
 
-static pbs_code take_chunk(const pbs_pack *p, const pack_input *in, const pbs_chunk *c, counts *n,
+static pbs_code take_motion(const pbs_pack *p, pack_input *in, const pbs_chunk *entry,
+                            pbs_err *err) {
+    pbs_chunk c;
+    pbs_code rc = pbs_reader_at(in->reader, entry, &c, err);
+    return rc ? rc : pbs_motions_take(p->run, pbs_reader_name(in->reader), &c, &in->motions, err);
+}
+
+static pbs_code take_chunk(const pbs_pack *p, pack_input *in, const pbs_chunk *c, counts *n,
                            pbs_err *err) {
     uint64_t ignored = 0;
     char tag[5];
@@ -84,6 +91,9 @@ static pbs_code take_chunk(const pbs_pack *p, const pack_input *in, const pbs_ch
         return count_chunk(p, in, c, &n->voxels, NULL, err);
     case PBS_TAG_FACES: /* the survey counts them */
         return count_chunk(p, in, c, &ignored, NULL, err);
+    case PBS_TAG_ANIMATION:
+    case PBS_TAG_MOTION:
+        return take_motion(p, in, c, err);
     case PBS_TAG_MESH:
     case PBS_TAG_TEXTURE:
         return pbs_fail(err, PBS_DATA, "%s: %s in a stream of another kind",

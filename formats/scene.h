@@ -3,6 +3,7 @@
  * Chunks of a scene stream, in an order in which everything comes before what refers to it:
  *
  *     TEXR  an image file's bytes            MATL  a material
+ *     ANIM  an animation                     MOTN  how placings move (motions.h)
  *     MESH  a piece of a part                NODE  a part (after its meshes) or an assembly
  *     CNTS  what could not become triangles, once, before the end
  *
@@ -13,6 +14,7 @@
 #define PBS_SCENE_H
 
 #include "formats/container.h"
+#include "formats/motions.h"
 #include "formats/node.h"
 #include "formats/sink.h"
 
@@ -47,6 +49,7 @@ typedef struct pbs_scene_totals {
     uint64_t nodes, triangles, stored;          /* with all instances; each part once */
     uint64_t parts_unified, assemblies_unified; /* that equal an earlier one */
     uint64_t parts_split, groups;               /* made by the options split and group */
+    uint64_t animations, motions;
     uint64_t skipped[PBS_SKIP_KINDS];
 } pbs_scene_totals;
 pbs_scene_totals pbs_scene_writer_totals(const pbs_scene_writer *s); /* after the end */
@@ -81,6 +84,7 @@ typedef struct pbs_scene {
     size_t material_count;
     pbs_texture *textures;
     size_t texture_count;
+    pbs_motions motions;
     uint64_t skipped[PBS_SKIP_KINDS];
     uint32_t channels; /* that candidates of the scene can have: NORMAL, and what there is of
                           COLOUR, MATERIAL, EMISSIVE */
@@ -117,6 +121,9 @@ typedef struct pbs_flat {
     pbs_box box;
 } pbs_flat;
 pbs_code pbs_scene_flatten(const pbs_scene *s, pbs_flat *out, pbs_err *err);
+/* The draws of a flattened scene once more, in the same frame, with motions in their poses (node.h;
+ * NULL: at rest). The box stays that of the rest. Errors: PBS_LIMIT, PBS_CANCEL. */
+pbs_code pbs_scene_pose(const pbs_scene *s, const double (*pose)[12], pbs_flat *flat, pbs_err *err);
 
 /* Decodes all textures that materials use. Array of texture_count; free with pbs_images_free. One
  * that cannot be decoded is an error, or told and has no size, which counts as white (see failed

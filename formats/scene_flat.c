@@ -94,6 +94,21 @@ pbs_code pbs_scene_flatten(const pbs_scene *s, pbs_flat *out, pbs_err *err) {
     return rc;
 }
 
+pbs_code pbs_scene_pose(const pbs_scene *s, const double (*pose)[12], pbs_flat *flat,
+                        pbs_err *err) {
+    uint64_t *draws;
+    pbs_code rc = pbs_dag_count(s->run, s->nodes, s->node_count, own_meshes, s, &draws, err);
+    if (rc) return rc;
+    unfold u = {s, draws, flat};
+    flat->count = 0;
+    flat->triangles = flat->singular = 0;
+    rc = pbs_dag_walk_posed(s->run, s->nodes, s->node_count, pose, place, &u, err);
+    pbs_free(s->run, draws);
+    for (size_t i = 0; i < flat->count; i++)
+        for (int k = 0; k < 3; k++) flat->draws[i].m[4 * k + 3] -= flat->origin[k];
+    return rc;
+}
+
 /* ---- textures ---- */
 
 static void mark(const pbs_texture_use *u, pbs_image *images) {

@@ -171,6 +171,8 @@ static pbs_code read_all(pbs_scene *s, pbs_err *err) {
             rc = add_mesh(s, &cap, &c, err);
         else if (c.tag == PBS_TAG_NODE)
             rc = add_node(s, &cap, &c, err);
+        else if (pbs_is_motion(c.tag))
+            rc = pbs_motions_take(s->run, pbs_reader_name(s->reader), &c, &s->motions, err);
         else if (c.tag == PBS_TAG_COUNTS)
             add_counts(s, &c);
         if (rc) return rc;
@@ -187,6 +189,8 @@ static pbs_code open_stream(pbs_scene *s, pbs_input *in, pbs_err *err) {
     if (!rc) rc = read_all(s, err);
     if (!rc && !s->node_count)
         rc = pbs_fail(err, PBS_DATA, "%s: a scene without nodes", pbs_reader_name(s->reader));
+    if (!rc)
+        rc = pbs_motions_fit(pbs_reader_name(s->reader), &s->motions, s->nodes, s->node_count, err);
     return rc;
 }
 
@@ -260,6 +264,7 @@ void pbs_scene_close(pbs_scene *s) {
     pbs_free(run, s->meshes);
     pbs_free(run, s->materials);
     pbs_free(run, s->textures);
+    pbs_motions_free(run, &s->motions);
     pbs_reader_close(s->reader);
     memset(s, 0, sizeof *s);
 }

@@ -19,6 +19,8 @@ struct pbs_scene_writer {
     pbs_builder *builder;
     pbs_meshlist meshes; /* of the part that is open */
     pbs_known known;
+    pbs_known motions; /* by their bytes */
+    uint32_t animations;
     uint32_t materials, textures, root;
     char *part_name;
     double part_origin[3];
@@ -34,7 +36,9 @@ const char *const pbs_skip_text[PBS_SKIP_KINDS] = {
     "placings with NaN or infinite transforms",
     "missing textures or material libraries",
     "polygons with fewer than 3 corners",
-    "parts, materials or textures that cannot be read"};
+    "parts, materials or textures that cannot be read",
+    "channels of animations that cannot be read",
+    "keys of animations that cannot be used"};
 
 static pbs_code put_texture(void *ctx, const char *name, const void *bytes, size_t size,
                             uint32_t *id, pbs_err *err) {
@@ -100,6 +104,36 @@ static pbs_code put_material(void *ctx, const pbs_material *m, uint32_t *id, pbs
     pbs_piece piece[2] = {{buf, sizeof buf}, {m->name, n}};
     *id = s->materials++;
     return pbs_writer_chunk(s->w, &c, piece, 2, err);
+}
+
+/* ---- motions ---- */
+
+static pbs_code put_animation(void *ctx, const char *name, uint32_t *id, pbs_err *err) {
+    pbs_scene_writer *s = ctx;
+    *id = s->animations++;
+    s->totals.animations++;
+    return pbs_animation_write(s->w, *id, name, err);
+}
+
+/* Equal ones are one; a node's id counts from 0, a motion's from 1. */
+static pbs_code put_motion(void *ctx, const pbs_motion *motion, uint32_t *id, pbs_err *err) {
+    pbs_scene_writer *s = ctx;
+    pbs_known_node known = {0};
+    uint8_t *bytes;
+    pbs_piece piece;
+    bool found = false;
+    pbs_code rc = pbs_motion_pack(s->run, motion, &bytes, &piece.size, err);
+    if (rc) return rc;
+    piece.bytes = bytes;
+    pbs_chunk c = {.tag = PBS_TAG_MOTION, .node = (uint32_t)s->motions.count, .count = 1};
+    pbs_digest_add(&known.digest, bytes, piece.size);
+    rc = pbs_known_find(&s->motions, &known.digest, NULL, &found, id, err);
+    if (!rc && !found) rc = pbs_known_add(&s->motions, &known, err);
+    if (!rc && !found) rc = pbs_writer_chunk(s->w, &c, &piece, 1, err);
+    *id = (found ? *id : c.node) + 1;
+    s->totals.motions += !rc && !found;
+    pbs_free(s->run, bytes);
+    return rc;
 }
 
 /* ---- nodes ---- */
@@ -248,7 +282,11 @@ static pbs_digest assembly_digest(const char *name, const pbs_child *child, size
             double m[12];
             uint64_t name;
             uint32_t node, flags;
-        } all = {.name = pbs_digest_text(c->name), .node = c->node, .flags = c->flags};
+            uint64_t motion;
+        } all = {.name = pbs_digest_text(c->name),
+                 .node = c->node,
+                 .flags = c->flags,
+                 .motion = c->motion};
         memcpy(all.m, c->m, sizeof all.m);
         pbs_digest_add(&d, &all, sizeof all);
     }
@@ -411,7 +449,7 @@ pbs_code pbs_scene_writer_new(pbs_run *run, pbs_writer *w, const pbs_scene_optio
                               pbs_scene_writer **out, pbs_err *err) {
     pbs_scene_writer *s = *out = calloc(1, sizeof *s);
     if (!s) return pbs_fail(err, PBS_LIMIT, "no memory");
-    s->run = s->known.run = s->meshes.run = run;
+    s->run = s->known.run = s->motions.run = s->meshes.run = run;
     s->w = w;
     s->root = PBS_NONE;
     s->options = options ? *options : PBS_SCENE_DEFAULTS;
@@ -427,7 +465,9 @@ pbs_code pbs_scene_writer_new(pbs_run *run, pbs_writer *w, const pbs_scene_optio
                          root,
                          skip,
                          false,
-                         s->options.failed ? leave_out : NULL};
+                         s->options.failed ? leave_out : NULL,
+                         put_animation,
+                         put_motion};
     pbs_mesh_out to = {&s->meshes, pbs_meshlist_add};
     pbs_code rc = pbs_builder_new(run, to, &s->builder, err);
     s->meshes.budget = part_budget(run);
@@ -452,9 +492,12 @@ pbs_code pbs_scene_writer_end(pbs_scene_writer *s, pbs_err *err) {
     s->totals.nodes = s->known.count;
     s->totals.triangles = s->known.node[s->root].triangles;
     uint8_t buf[8 * PBS_SKIP_KINDS];
-    for (int i = 0; i < PBS_SKIP_KINDS; i++) pbs_put_u64(buf + 8 * i, skipped[i]);
-    pbs_chunk c = {.tag = PBS_TAG_COUNTS, .node = PBS_NONE, .count = PBS_SKIP_KINDS};
-    pbs_piece piece = {buf, sizeof buf};
+    /* What animations lack costs no byte where nothing moves. */
+    uint32_t n = PBS_SKIP_KINDS;
+    while (n > PBS_SKIP_CHANNEL && !skipped[n - 1]) n--;
+    for (uint32_t i = 0; i < n; i++) pbs_put_u64(buf + 8 * i, skipped[i]);
+    pbs_chunk c = {.tag = PBS_TAG_COUNTS, .node = PBS_NONE, .count = n};
+    pbs_piece piece = {buf, 8 * n};
     return pbs_writer_chunk(s->w, &c, &piece, 1, err);
 }
 
@@ -467,6 +510,7 @@ void pbs_scene_writer_free(pbs_scene_writer *s) {
     pbs_builder_free(s->builder);
     pbs_meshlist_free(&s->meshes);
     pbs_known_free(&s->known);
+    pbs_known_free(&s->motions);
     free(s->part_name);
     free(s);
 }

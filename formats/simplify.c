@@ -344,7 +344,8 @@ static pbs_code take_node(reading *d, const pbs_chunk *c, pbs_err *err) {
  * what belongs to a node follows it, or goes with it. */
 static pbs_code take_other(reading *d, const pbs_chunk *c, pbs_err *err) {
     pbs_chunk out = *c;
-    bool own = c->tag == PBS_TAG_MATERIAL || c->tag == PBS_TAG_TEXTURE || c->tag == PBS_TAG_COUNTS;
+    bool own = c->tag == PBS_TAG_MATERIAL || c->tag == PBS_TAG_TEXTURE ||
+               c->tag == PBS_TAG_COUNTS || pbs_is_motion(c->tag);
     if (!own && c->node == d->node) {
         if (d->fate == DROPPED) return PBS_OK;
         if (d->fate == PASSED) out.node = d->levels.next;

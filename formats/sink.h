@@ -14,6 +14,7 @@
 #define PBS_SINK_H
 
 #include "libcore/mesh.h"
+#include "libcore/motion.h"
 #include "libcore/record.h"
 #include "libcore/run.h"
 
@@ -36,6 +37,7 @@ typedef struct pbs_child {
     double m[12];     /* child's coordinates to the assembly's (vec.h) */
     const char *name; /* of this placing, NULL: none */
     uint32_t flags;   /* PBS_CHILD_MOVES: a glTF animation moves it */
+    uint32_t motion;  /* how: what pbs_sink.motion gave it. 0: it stays, or how is not known */
 } pbs_child;
 enum { PBS_CHILD_MOVES = 1 };
 
@@ -50,6 +52,9 @@ typedef enum pbs_skip {
     PBS_SKIP_POLYGON, /* polygon with fewer than 3 corners, by the reader */
     PBS_SKIP_FAILED, /* part of the file that cannot be read, where the user allowed it, by the sink
                       */
+    PBS_SKIP_CHANNEL, /* channel of an animation that cannot be read, by the reader */
+    PBS_SKIP_KEY,     /* key with a NaN, infinite or decreasing time, a value that is not finite, or
+                         a quaternion 0, by the reader */
     PBS_SKIP_KINDS
 } pbs_skip;
 
@@ -82,6 +87,12 @@ typedef struct pbs_sink {
      * a node are not there, a material or an image is PBS_NONE. Only errors of the file (PBS_DATA)
      * and never inside a part. */
     void (*failed)(void *ctx, const pbs_err *err);
+    /* An animation, before the motions that take part in it; ids count from 0. And a motion, before
+     * the placings that have it; ids count from 1, and equal ones may get the same. Its keys are
+     * as libcore/motion.h says, PBS_MOTION_MOST numbers at most. NULL, both: nobody wants to know.
+     */
+    pbs_code (*animation)(void *ctx, const char *name, uint32_t *id, pbs_err *err);
+    pbs_code (*motion)(void *ctx, const pbs_motion *motion, uint32_t *id, pbs_err *err);
 } pbs_sink;
 
 /* A reader. path is for messages and for finding files beside it; bytes is the whole file, mapped

@@ -39,6 +39,9 @@ typedef struct tally {
     pbs_corner corners[TALLY_CORNERS]; /* the first ones */
     uint32_t corner_materials[TALLY_CORNERS];
     uint64_t triangles; /* of all parts */
+    char animations[8][64];
+    uint32_t animation_count, motion_count;
+    pbs_motion motions[8]; /* with keys of their own */
     uint64_t skipped[PBS_SKIP_KINDS];
     bool inside, allow_missing;
     long calls, fail_at; /* 1: the first call fails, 0: none */
@@ -153,6 +156,40 @@ static inline void tally_skip(void *ctx, pbs_skip kind, uint64_t count) {
     ((tally *)ctx)->skipped[kind] += count;
 }
 
+static inline pbs_code tally_animation(void *ctx, const char *name, uint32_t *id, pbs_err *err) {
+    tally *t = ctx;
+    (void)err;
+    snprintf(t->animations[t->animation_count % 8], 64, "%s", name ? name : "");
+    *id = t->animation_count++;
+    return PBS_OK;
+}
+
+/* Keeps a copy, in one piece. */
+static inline pbs_code tally_motion(void *ctx, const pbs_motion *motion, uint32_t *id,
+                                    pbs_err *err) {
+    tally *t = ctx;
+    (void)err;
+    size_t numbers = 0;
+    for (uint32_t i = 0; i < motion->count; i++)
+        numbers += (size_t)motion->channels[i].keys *
+                   (1 + pbs_motion_numbers(motion->channels[i].path, motion->channels[i].way));
+    CHECK(motion->count && t->motion_count < 8);
+    pbs_motion_channel *c = malloc(motion->count * sizeof *c + numbers * sizeof(double));
+    if (!c) abort();
+    double *at = (double *)(c + motion->count);
+    for (uint32_t i = 0; i < motion->count; i++) {
+        c[i] = motion->channels[i];
+        size_t keys = c[i].keys, values = keys * pbs_motion_numbers(c[i].path, c[i].way);
+        CHECK(keys && c[i].animation < t->animation_count);
+        c[i].time = memcpy(at, c[i].time, keys * sizeof *at);
+        c[i].value = memcpy(at + keys, c[i].value, values * sizeof *at);
+        at += keys + values;
+    }
+    t->motions[t->motion_count % 8] = (pbs_motion){motion->rest, motion->count, c};
+    *id = ++t->motion_count;
+    return PBS_OK;
+}
+
 static inline void tally_begin(tally *t) {
     memset(t, 0, sizeof *t);
     t->run.threads = 1;
@@ -168,13 +205,16 @@ static inline void tally_begin(tally *t) {
                          tally_root,
                          tally_skip,
                          false,
-                         NULL};
+                         NULL,
+                         tally_animation,
+                         tally_motion};
 }
 static inline void tally_end(tally *t) {
     for (uint32_t i = 0; i < t->node_count; i++) {
         free(t->nodes[i].children);
         free(t->nodes[i].child_names);
     }
+    for (uint32_t i = 0; i < t->motion_count && i < 8; i++) free((void *)t->motions[i].channels);
     free(t->nodes);
     t->nodes = NULL;
     t->node_count = 0;

@@ -155,6 +155,8 @@ static void rec_begin(rec *r) {
                          rec_root,
                          rec_skip,
                          false,
+                         NULL,
+                         NULL,
                          NULL};
 }
 

@@ -62,6 +62,7 @@ pbs_code pbs_bench_frame(pbs_bench *b, pbs_canvas *canvas, uint32_t width, uint3
                          pbs_err *err) {
     pbs_bench_row row = {0};
     pbs_camera camera = pbs_play_frame(b->play, b->show, b->done, b->count, &row.time);
+    pbs_play_move(b->play, b->show, row.time);
     pbs_show_view v = pbs_play_view(b->play, &camera, width, height);
     double gpu;
     for (int i = 0; i < PBS_BENCH_REALS; i++) row.real[i] = NAN;

@@ -162,7 +162,7 @@ static pbs_code add_children(pbs_cut *c, const task *as, pbs_err *err) {
         t.node = child->node;
         t.moves = child->flags & PBS_CHILD_MOVES;
         t.key = child_key(as->key, i);
-        pbs_xform_mul(t.m, as->m, child->m);
+        pbs_xform_mul(t.m, as->m, pbs_pose_of(c->view->pose, child));
         rc = add_task(c, &t, err);
     }
     return rc;

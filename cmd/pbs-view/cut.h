@@ -58,6 +58,8 @@ typedef struct pbs_cut_view {
     bool partial;   /* paper 2's second policy: of children those are drawn that are there, with
                        holes for the others. Else a node stays until all of them are there */
     bool occlusion; /* what was hidden is drawn coarse; needs pbs_cut_feedback */
+    const double (*pose)[12]; /* of each motion, in the place of the transforms of its placings;
+                                 NULL: everything rests */
 } pbs_cut_view;
 
 /* In the order in which they are drawn; near before far within a kind. */

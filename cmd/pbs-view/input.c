@@ -98,6 +98,17 @@ static void play_path(pbs_window *s) {
     s->path_time = s->overlay.playing ? pbs_path_start(&s->play->path) : 0;
 }
 
+/* Animations go on from where they are. */
+static void play_animations(pbs_window *s) {
+    s->overlay.moving = !s->overlay.moving && pbs_poses_any(&s->show->poses);
+    if (s->overlay.moving && isnan(s->play->moment)) s->play->moment = 0;
+}
+
+static void set_speed(pbs_window *s, double factor) {
+    double speed = s->play->speed * factor;
+    if (fabs(speed) > 1e-3 && fabs(speed) < 1e3) s->play->speed = speed;
+}
+
 /* Held frame-time by key: what the options say, or 60 a second. */
 static void hold(pbs_window *s) {
     double wanted =
@@ -133,6 +144,12 @@ static void act(pbs_window *s, pbs_action action, int which) {
         break;
     case PBS_KEY_PLAY:
         play_path(s);
+        break;
+    case PBS_KEY_ANIMATE:
+        play_animations(s);
+        break;
+    case PBS_KEY_SPEED:
+        set_speed(s, which ? 2 : 0.5);
         break;
     case PBS_KEY_STEREO:
         s->play->stereo_on = !s->play->stereo_on;
@@ -205,6 +222,10 @@ void pbs_input_advance(pbs_window *s, double now) {
         double up = axis(s, GLFW_KEY_E, GLFW_KEY_C), ahead = axis(s, GLFW_KEY_W, GLFW_KEY_S);
         pbs_camera_move(&s->camera, step * right, step * up, step * ahead);
         if (right != 0 || up != 0 || ahead != 0) s->stale = true;
+    }
+    if (s->overlay.moving) {
+        s->play->moment += s->play->speed * passed;
+        s->stale = true;
     }
     if (s->overlay.playing) {
         s->path_time += passed;

@@ -13,6 +13,8 @@ typedef enum pbs_action {
     PBS_KEY_HOME,
     PBS_KEY_NAME,
     PBS_KEY_PLAY,
+    PBS_KEY_ANIMATE,
+    PBS_KEY_SPEED, /* first key: slower, second: faster */
     PBS_KEY_STEREO,
     PBS_KEY_FOVEA,
     PBS_KEY_HOLD, /* of the frame-time */

@@ -65,6 +65,13 @@ static const pbs_option table[] = {
      "the camera moves along the keyframes of this text file", 0, 0, NULL, false},
     {0, "at", PBS_REAL, offsetof(options, play.at), "SECONDS",
      "with --path: the camera of that time (default 0)", -1e9, 1e9, NULL, false},
+    {0, "animation", PBS_TEXT, offsetof(options, show.animation), "WHICH",
+     "a number or name, all (default) or none: which animations play", 0, 0, NULL, false},
+    {0, "time", PBS_REAL, offsetof(options, play.time), "SECONDS",
+     "where animations are, or begin (default 0 in a window, else none plays)", -1e9, 1e9, NULL,
+     false},
+    {0, "speed", PBS_REAL, offsetof(options, play.speed), "RATIO", "of animations (default 1)",
+     -1000, 1000, NULL, false},
     {0, "bench", PBS_TEXT, offsetof(options, play.bench), "FILE",
      "measure a series of pictures along the path; write a table", 0, 0, NULL, false},
     {0, "frames", PBS_COUNT, offsetof(options, play.frames), "N",
@@ -134,8 +141,8 @@ static pbs_code draw_overlay(pbs_run *run, studio *s, const pbs_show *show, cons
     return rc;
 }
 
-static pbs_code print_pick(const pbs_play *play, const pbs_show *show, studio *s,
-                           const pbs_show_view *v, pbs_err *err) {
+static pbs_code print_pick(const pbs_play *play, pbs_show *show, studio *s, const pbs_show_view *v,
+                           pbs_err *err) {
     char name[1024];
     double at[2];
     if (!play->options->pick || !pbs_play_pair(play->options->pick, at)) return PBS_OK;
@@ -152,6 +159,7 @@ static pbs_code shoot(pbs_app *app, const options *o, pbs_show *show, pbs_play *
     studio s;
     pbs_code rc = open_studio(run, &o->show, &s, err);
     pbs_camera camera = pbs_play_camera(play, show, o->play.at);
+    pbs_play_move(play, show, play->path.count ? o->play.at : 0);
     pbs_show_view v =
         pbs_play_view(play, &camera, (uint32_t)o->show.width, (uint32_t)o->show.height);
     if (!rc) rc = pbs_show_settle(show, s.canvas, &v, err);
@@ -253,6 +261,7 @@ static pbs_code work(pbs_app *app, void *opt, pbs_err *err) {
 }
 
 int main(int argc, char **argv) {
-    options o = {.show = {.width = 1024, .height = 768, .surfel_size = 2, .up = 1, .device = ""}};
+    options o = {.show = {.width = 1024, .height = 768, .surfel_size = 2, .up = 1, .device = ""},
+                 .play = {.time = NAN, .speed = 1}};
     return pbs_tool_main(argc, argv, &tool, &o, work);
 }

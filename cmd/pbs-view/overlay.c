@@ -51,6 +51,8 @@ void pbs_overlay_statistics(const pbs_overlay *o, const pbs_show *s, const pbs_s
         if (s->unfinished) add(out, "loading\n");
         if (o->flying) add(out, "flying\n");
         if (o->playing) add(out, "playing the path\n");
+        if (pbs_poses_any(&s->poses) && !isnan(v->time))
+            add(out, "animation\t%.2f s%s\n", v->time, o->moving ? "" : ", stopped");
     }
     if (o->name[0]) add(out, "%s\n", o->name);
 }

@@ -14,6 +14,7 @@ typedef struct pbs_overlay {
     double surfel_size;   /* pixels */
     char name[512];       /* of the part that was asked for; "": none was */
     bool flying, playing; /* how the camera moves */
+    bool moving;          /* animations play */
 } pbs_overlay;
 
 enum { PBS_OVERLAY_TEXT = 4096 };

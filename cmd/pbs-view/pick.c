@@ -22,6 +22,7 @@ typedef struct frame {
 typedef struct search {
     pbs_run *run;
     const pbs_node *nodes;
+    const pbs_pick_scene *scene;
     const double *point;
     double tolerance;
     frame *frames;
@@ -66,6 +67,11 @@ static bool holds(const search *s, uint32_t node, const double m[12], double *si
     for (int k = 0; k < 3; k++)
         if (!(q[k] >= box.min[k] - reach[k] && q[k] <= box.max[k] + reach[k])) return false;
     return true;
+}
+
+/* Whether something below the node may be out of its box, which is that of the scene at rest. */
+static bool may_leave(const search *s, uint32_t node) {
+    return s->scene->pose && s->scene->moving[node];
 }
 
 static pbs_code push(search *s, uint32_t node, const char *name, const double m[12], pbs_err *err) {
@@ -115,27 +121,29 @@ static pbs_code step(search *s, pbs_err *err) {
     }
     const pbs_child *c = &n->children[f->next++];
     double m[12], size;
-    pbs_xform_mul(m, f->m, c->m);
-    if (!holds(s, c->node, m, &size)) return PBS_OK;
-    f->inside = true;
+    pbs_xform_mul(m, f->m, pbs_pose_of(s->scene->pose, c));
+    bool inside = holds(s, c->node, m, &size);
+    if (!inside && !may_leave(s, c->node)) return PBS_OK;
+    f->inside = f->inside || inside;
     s->boxes++;
     return push(s, c->node, c->name ? c->name : s->nodes[c->node].name, m, err);
 }
 
-pbs_code pbs_pick(pbs_run *run, const pbs_node *nodes, size_t count, const double point[3],
+pbs_code pbs_pick(pbs_run *run, const pbs_pick_scene *scene, const double point[3],
                   double tolerance, char *out, size_t size, bool *part, pbs_err *err) {
     search s = {.run = run,
-                .nodes = nodes,
+                .nodes = scene->nodes,
+                .scene = scene,
                 .point = point,
                 .tolerance = tolerance,
                 .out = out,
                 .out_size = size};
     double box;
-    uint32_t root = (uint32_t)count - 1;
+    uint32_t root = (uint32_t)scene->count - 1;
     pbs_code rc = PBS_OK;
     out[0] = 0;
-    if (count && holds(&s, root, PBS_IDENTITY, &box))
-        rc = push(&s, root, nodes[root].name, PBS_IDENTITY, err);
+    if (scene->count && (holds(&s, root, PBS_IDENTITY, &box) || may_leave(&s, root)))
+        rc = push(&s, root, scene->nodes[root].name, PBS_IDENTITY, err);
     while (s.depth && s.boxes < MOST_BOXES && !rc) rc = step(&s, err);
     pbs_free(run, s.frames);
     *part = s.best_is_part;

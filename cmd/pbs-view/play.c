@@ -55,7 +55,7 @@ pbs_code pbs_play_open(pbs_run *run, const pbs_play_options *o, int up, double s
                        pbs_play *p, pbs_err *err) {
     double axis[3] = {0};
     axis[up] = 1;
-    *p = (pbs_play){.run = run, .options = o};
+    *p = (pbs_play){.run = run, .options = o, .moment = o->time, .speed = o->speed};
     p->control = pbs_control_start(o->frame_time / 1000, surfel_size);
     pbs_code rc = check_together(o, err);
     if (!rc) rc = parse_gaze(p, o->gaze, err);
@@ -98,6 +98,12 @@ uint64_t pbs_play_frames(const pbs_play *p) {
     return !p->path.count ? 60 : n < 1e6 ? (uint64_t)n : 1000000;
 }
 
+void pbs_play_move(pbs_play *p, const pbs_show *show, double time) {
+    double from = p->options->time;
+    if (isnan(from) && show->options->animation) from = 0;
+    p->moment = from + p->speed * time;
+}
+
 pbs_show_view pbs_play_view(const pbs_play *p, const pbs_camera *camera, uint32_t width,
                             uint32_t height) {
     double apart = p->separation * (p->separation_is_share ? camera->unit : 1);
@@ -107,14 +113,17 @@ pbs_show_view pbs_play_view(const pbs_play *p, const pbs_camera *camera, uint32_
                            .surfel_size = p->control.size,
                            .separation = p->stereo_on ? apart : 0,
                            .zones = p->zones_on ? &p->zones : NULL,
-                           .gaze = {p->gaze[0], p->gaze[1]}};
+                           .gaze = {p->gaze[0], p->gaze[1]},
+                           .time = p->moment};
 }
 
-pbs_code pbs_play_pick(const pbs_show *show, pbs_canvas *canvas, const pbs_show_view *v, double x,
+pbs_code pbs_play_pick(pbs_show *show, pbs_canvas *canvas, const pbs_show_view *v, double x,
                        double y, char *out, size_t size, pbs_err *err) {
     bool geometry = show->options->geometry, part = false;
-    const pbs_node *nodes = geometry ? show->scene.nodes : show->archive.nodes;
-    size_t count = geometry ? show->scene.node_count : show->archive.node_count;
+    const pbs_pick_scene scene = {geometry ? show->scene.nodes : show->archive.nodes,
+                                  geometry ? show->scene.node_count : show->archive.node_count,
+                                  geometry ? show->moving : show->archive.moving,
+                                  pbs_poses_at(&show->poses, v->time)};
     double depth, point[3];
     pbs_eyes eyes;
     out[0] = 0;
@@ -128,6 +137,6 @@ pbs_code pbs_play_pick(const pbs_show *show, pbs_canvas *canvas, const pbs_show_
     /* Discs stand out of their part's box by their radius, which may be more than a pixel. */
     double pixel = pbs_camera_pixel(&v->camera, v->height) * depth * v->camera.unit;
     for (double wide = 1; wide <= 64 && !rc && !part; wide *= 4)
-        rc = pbs_pick(show->run, nodes, count, point, wide * pixel, out, size, &part, err);
+        rc = pbs_pick(show->run, &scene, point, wide * pixel, out, size, &part, err);
     return rc;
 }

@@ -11,6 +11,7 @@ typedef struct pbs_play_options {
     const char *path, *bench, *truth, *zones, *gaze, *stereo, *pick;
     uint64_t frames;
     double at, frame_time; /* seconds; milliseconds */
+    double time, speed;    /* of the animations: seconds, NaN: not said; how fast they are */
     bool overlay, window, keys;
 } pbs_play_options;
 
@@ -25,6 +26,8 @@ typedef struct pbs_play {
     bool separation_is_share;
     bool zones_on, stereo_on;
     pbs_control control;
+    double moment; /* of the animations; NaN: everything rests */
+    double speed;  /* their seconds in one of ours */
 } pbs_play;
 
 /* options are borrowed. Reads the path; nothing of what is shown is needed yet. up: 0, 1, 2: what
@@ -42,6 +45,10 @@ pbs_camera pbs_play_frame(const pbs_play *play, const pbs_show *show, uint64_t i
 /* Frames of a series: as many as the options say, else 60 for each second of the path, else 60. */
 uint64_t pbs_play_frames(const pbs_play *play);
 
+/* Where the animations are when the camera is at a time of its path (0: there is none): from what
+ * the options say, with their speed. Nothing moves if they say neither a time nor an animation. */
+void pbs_play_move(pbs_play *play, const pbs_show *show, double time);
+
 /* Everything together, for pbs_show_draw. The view borrows the play. */
 pbs_show_view pbs_play_view(const pbs_play *play, const pbs_camera *camera, uint32_t width,
                             uint32_t height);
@@ -51,6 +58,6 @@ bool pbs_play_pair(const char *text, double out[2]);
 
 /* The name of what is at a place of the canvas that was just drawn, as pbs_pick has it; x, y in
  * pixels. "": nothing is there. Errors: PBS_LIMIT, PBS_INTERNAL. */
-pbs_code pbs_play_pick(const pbs_show *show, pbs_canvas *canvas, const pbs_show_view *view,
-                       double x, double y, char *out, size_t size, pbs_err *err);
+pbs_code pbs_play_pick(pbs_show *show, pbs_canvas *canvas, const pbs_show_view *view, double x,
+                       double y, char *out, size_t size, pbs_err *err);
 #endif

@@ -1,5 +1,20 @@
 #include "cmd/pbs-view/show.h"
+#include "formats/dag.h"
 #include <string.h>
+
+static uint64_t own_moving(const void *ctx, uint32_t node) {
+    const pbs_node *n = (const pbs_node *)ctx + node;
+    uint64_t sum = 0;
+    for (uint32_t i = 0; i < n->child_count; i++)
+        sum += (n->children[i].flags & PBS_CHILD_MOVES) != 0;
+    return sum;
+}
+
+/* The camera's frame is the world's. */
+static void to_world(pbs_flat *flat) {
+    for (size_t i = 0; i < flat->count; i++)
+        for (int k = 0; k < 3; k++) flat->draws[i].m[4 * k + 3] += flat->origin[k];
+}
 
 static pbs_code open_scene(pbs_show *s, const char *path, pbs_err *err) {
     pbs_scene_options so = PBS_SCENE_DEFAULTS;
@@ -9,9 +24,13 @@ static pbs_code open_scene(pbs_show *s, const char *path, pbs_err *err) {
     rc = pbs_scene_flatten(&s->scene, &s->flat, err);
     if (rc) return rc;
     s->box = s->flat.box;
-    for (size_t i = 0; i < s->flat.count; i++)
-        for (int k = 0; k < 3; k++) s->flat.draws[i].m[4 * k + 3] += s->flat.origin[k];
-    return pbs_scene_images(&s->scene, &s->images, err);
+    to_world(&s->flat);
+    s->drawn_at = NAN;
+    const pbs_node *nodes = s->scene.nodes;
+    rc = pbs_poses_open(s->run, &s->scene.motions, s->options->animation, &s->poses, err);
+    if (!rc)
+        rc = pbs_dag_count(s->run, nodes, s->scene.node_count, own_moving, nodes, &s->moving, err);
+    return rc ? rc : pbs_scene_images(&s->scene, &s->images, err);
 }
 
 static pbs_code open_archive(pbs_show *s, const char *path, pbs_err *err) {
@@ -25,7 +44,8 @@ static pbs_code open_archive(pbs_show *s, const char *path, pbs_err *err) {
     pbs_code rc = pbs_archive_open(s->run, path, &s->archive, err);
     if (rc) return rc;
     s->box = s->archive.nodes[s->archive.node_count - 1].box;
-    return pbs_player_new(s->run, &s->archive, &d, &s->player, err);
+    rc = pbs_poses_open(s->run, &s->archive.motions, s->options->animation, &s->poses, err);
+    return rc ? rc : pbs_player_new(s->run, &s->archive, &d, &s->player, err);
 }
 
 pbs_code pbs_show_open(pbs_run *run, const pbs_show_options *o, const char *path, pbs_show *s,
@@ -45,7 +65,7 @@ pbs_code pbs_show_open(pbs_run *run, const pbs_show_options *o, const char *path
 }
 
 /* A picture that is taken once must not depend on what was hidden before. */
-static pbs_cut_view cut_view(const pbs_show *s, const pbs_show_view *v, const pbs_eyes *eyes) {
+static pbs_cut_view cut_view(pbs_show *s, const pbs_show_view *v, const pbs_eyes *eyes) {
     const pbs_show_options *o = s->options;
     return (pbs_cut_view){.camera = v->camera,
                           .width = v->width,
@@ -55,7 +75,8 @@ static pbs_cut_view cut_view(const pbs_show *s, const pbs_show_view *v, const pb
                           .prefix = o->prefix,
                           .formula = o->formula,
                           .partial = o->partial,
-                          .occlusion = !o->no_occlusion && !o->shot};
+                          .occlusion = !o->no_occlusion && !o->shot,
+                          .pose = pbs_poses_at(&s->poses, v->time)};
 }
 
 static pbs_eyes eyes_of(const pbs_show_view *v) {
@@ -92,6 +113,16 @@ const char *pbs_show_trouble(const pbs_show *s) {
     return s->player.store ? pbs_store_trouble(s->player.store) : NULL;
 }
 
+/* The scene's draws follow the time, where anything moves. */
+static pbs_code pose_scene(pbs_show *s, double time, pbs_err *err) {
+    bool same = time == s->drawn_at || (isnan(time) && isnan(s->drawn_at));
+    if (same || !pbs_poses_any(&s->poses)) return PBS_OK;
+    pbs_code rc = pbs_scene_pose(&s->scene, pbs_poses_at(&s->poses, time), &s->flat, err);
+    to_world(&s->flat);
+    s->drawn_at = time;
+    return rc;
+}
+
 static pbs_code draw_scene(pbs_show *s, pbs_canvas *canvas, pbs_err *err) {
     pbs_meshes m = {s->flat.draws,           s->flat.count, s->scene.materials,
                     s->scene.material_count, s->images,     s->scene.texture_count};
@@ -108,7 +139,8 @@ pbs_code pbs_show_draw(pbs_show *s, pbs_canvas *canvas, const pbs_show_view *vie
     s->drawn_nodes = s->drawn_surfels = s->drawn_voxels = s->drawn_triangles = 0;
     s->visible_surfels = 0;
     pbs_code rc = pbs_canvas_begin(canvas, &frame, err);
-    if (!rc && !scene) rc = pbs_player_look(&s->player, canvas, &v, err);
+    if (!rc)
+        rc = scene ? pose_scene(s, view->time, err) : pbs_player_look(&s->player, canvas, &v, err);
     for (int i = 0; i < eyes.count && !rc; i++) {
         pbs_canvas_look(canvas, &eyes.camera[i], eyes.left[i], eyes.width);
         rc = scene ? draw_scene(s, canvas, err) : pbs_player_draw(&s->player, canvas, &v, err);
@@ -120,6 +152,8 @@ pbs_code pbs_show_draw(pbs_show *s, pbs_canvas *canvas, const pbs_show_view *vie
 void pbs_show_close(pbs_show *s) {
     pbs_run *run = s->run;
     pbs_images_free(run, s->images, s->scene.texture_count);
+    pbs_poses_close(&s->poses);
+    pbs_free(run, s->moving);
     pbs_free(run, s->flat.draws);
     pbs_player_free(&s->player);
     if (s->scene.run) pbs_scene_close(&s->scene);

@@ -6,10 +6,12 @@
 #include "cmd/pbs-view/draw.h"
 #include "cmd/pbs-view/player.h"
 #include "cmd/pbs-view/eyes.h"
+#include "cmd/pbs-view/poses.h"
 #include "formats/scene.h"
 
 typedef struct pbs_show_options {
     const char *shot, *camera, *device;
+    const char *animation; /* poses.h; NULL: all */
     uint64_t prefix, width, height, samples;
     double surfel_size;
     uint64_t gpu_memory, upload;
@@ -31,6 +33,9 @@ typedef struct pbs_show {
     pbs_scene scene;   /* with --geometry */
     pbs_flat flat;
     pbs_image *images;
+    pbs_poses poses;
+    uint64_t *moving; /* of the scene: placings that an animation moves, below each node */
+    double drawn_at;  /* time of the scene's draws */
     /* of the last draw */
     uint64_t drawn_nodes, drawn_surfels, drawn_voxels, drawn_triangles;
     uint64_t visible_surfels; /* with --splat and --shot */
@@ -54,6 +59,7 @@ typedef struct pbs_show_view {
     double separation;      /* of two eyes side by side, world unit; 0: one eye */
     const pbs_zones *zones; /* factors of the surfel size around the gaze; NULL: none */
     double gaze[2];         /* shares of an eye's part of the picture, from its left upper corner */
+    double time;            /* of the animations, seconds; NaN: everything rests */
 } pbs_show_view;
 
 /* Loads all that the view needs, as far as the limits allow: what is drawn then does not depend on

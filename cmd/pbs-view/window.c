@@ -211,6 +211,9 @@ pbs_code pbs_window_run(pbs_show *show, pbs_play *play, const char *title, pbs_e
     pbs_window s = {.show = show, .play = play, .title = title, .bench = &bench, .stale = true};
     s.camera = pbs_play_camera(play, show, play->options->at);
     s.overlay.statistics = play->options->overlay;
+    s.overlay.moving =
+        isnan(play->options->time) && !play->options->bench && pbs_poses_any(&show->poses);
+    if (s.overlay.moving) play->moment = 0;
     pbs_code rc = load_glfw(&s.f, err);
     if (rc) return rc;
     rc = open_window(&s, err);

@@ -16,6 +16,8 @@ reader::reader(const char *path, const pbs_sink *sink, pbs_err *err)
       image_id_(run_, "the images", err), part_id_(run_, "the meshes", err),
       node_id_(run_, "the nodes", err), materials_(run_, "the materials", err),
       node_state_(run_, "the nodes", err), moves_(run_, "the nodes", err),
+      motion_id_(run_, "the motions", err), animation_id_(run_, "the animations", err),
+      first_channel_(run_, "the animations", err), channel_(run_, "the animations", err),
       children_(run_, "placings", err), stack_(run_, "nested nodes", err) {
     folder_.erase(folder_.rfind('/') == std::string::npos ? 0 : folder_.rfind('/') + 1);
 }
@@ -54,31 +56,15 @@ void reader::refuse_unknown_extensions() {
                  name.c_str());
 }
 
-/* translation, rotation (x y z w, any length) and scale as three rows of a matrix. */
-static void from_trs(double m[12], const double t[3], const double r[4], const double s[3]) {
-    double l = sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2] + r[3] * r[3]);
-    double i = l > 0 ? 1 / l : 1;
-    double x = r[0] * i, y = r[1] * i, z = r[2] * i, w = r[3] * i;
-    double q[9] = {1 - 2 * (y * y + z * z), 2 * (x * y - z * w),     2 * (x * z + y * w),
-                   2 * (x * y + z * w),     1 - 2 * (x * x + z * z), 2 * (y * z - x * w),
-                   2 * (x * z - y * w),     2 * (y * z + x * w),     1 - 2 * (x * x + y * y)};
-    for (int row = 0; row < 3; row++) {
-        for (int c = 0; c < 3; c++) m[4 * row + c] = q[3 * row + c] * s[c];
-        m[4 * row + 3] = t[row];
-    }
-}
-
 /* Noise that exporters leave in the last row of a matrix, which is to be 0 0 0 1. */
 static const double row_noise = 1e-6;
 
 void reader::local_matrix(int n, double m[12]) {
     const node_entry &node = doc_.nodes[(size_t)n];
-    double pose[3][4] = {{0, 0, 0, 0}, {0, 0, 0, 1}, {1, 1, 1, 0}};
     uint32_t at = node.numbers;
-    for (int p = TRANSLATION; p <= SCALE; p++)
-        for (uint32_t k = 0; (node.has >> p & 1) && k < path_numbers[p]; k++)
-            pose[p][k] = doc_.numbers[at++];
-    if (!(node.has >> MATRIX & 1)) return from_trs(m, pose[0], pose[1], pose[2]);
+    pbs_trs pose = rest_pose(doc_, node);
+    if (!(node.has >> MATRIX & 1)) return pbs_trs_matrix(&pose, m);
+    for (int p = TRANSLATION; p <= SCALE; p++) at += node.has >> p & 1 ? path_numbers[p] : 0;
     for (uint32_t r = 0; r < 3; r++)
         for (uint32_t c = 0; c < 4; c++) m[4 * r + c] = doc_.numbers[at + 4 * c + r];
     for (uint32_t c = 0; c < 4; c++)
@@ -106,12 +92,13 @@ uint32_t reader::instances(int n, const instancing_entry &e, uint32_t part) {
     array<pbs_child> children(run_, count, "instances", err_);
     for (uint64_t i = 0; i < count; i++) {
         if (i % 65536 == 0) check(pbs_run_check(run_, err_));
-        double v[3][4] = {{0, 0, 0, 0}, {0, 0, 0, 1}, {1, 1, 1, 0}};
+        pbs_trs pose = PBS_TRS_IDENTITY;
+        double *const to[3] = {pose.translation, pose.rotation, pose.scale};
         for (int k = 0; k < 3; k++)
-            if (trs[k]) trs[k].get(i, v[k]);
+            if (trs[k]) trs[k].get(i, to[k]);
         pbs_child c = {};
         c.node = part;
-        from_trs(c.m, v[0], v[1], v[2]);
+        pbs_trs_matrix(&pose, c.m);
         children[i] = c;
     }
     uint32_t id = PBS_NONE;
@@ -141,7 +128,9 @@ void reader::add_child(int n) {
     if (c.node == PBS_NONE) return;
     c.name = doc_.name(doc_.nodes[(size_t)n].name);
     c.flags = moves_[(size_t)n] ? (uint32_t)PBS_CHILD_MOVES : 0;
-    if (!left_out([&] { local_matrix(n, c.m); })) children_.push(c);
+    if (left_out([&] { local_matrix(n, c.m); })) return;
+    c.motion = c.flags ? motion(n) : 0;
+    children_.push(c);
 }
 
 /* All below is known: gives the node its id. */

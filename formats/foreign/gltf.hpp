@@ -93,6 +93,9 @@ struct primitive {
     void triangle(uint64_t t, uint64_t out[3]) const;
 };
 
+/* gltf_moving.cpp. Of nodes without a matrix: where they are without animation. */
+pbs_trs rest_pose(const document &doc, const node_entry &n);
+
 class reader {
   public:
     reader(const char *path, const pbs_sink *sink, pbs_err *err);
@@ -115,6 +118,11 @@ class reader {
     /* gltf_moving.cpp */
     void mark_moving();
     bool moves(const channel_entry &c);
+    struct keys;
+    void add_keys(const channel_entry &c, keys &k);
+    void add_channel(const channel_entry &c, keys &k);
+    uint32_t motion(int n);
+    void send_animations();
 
     /* gltf_data.cpp */
     const bytes &buffer(int i);
@@ -189,6 +197,8 @@ class reader {
     list<uint32_t> image_id_, part_id_, node_id_;
     list<known_material> materials_;
     list<uint8_t> node_state_, moves_;
+    list<uint32_t> motion_id_, animation_id_;
+    list<uint32_t> first_channel_, channel_; /* of each node: places in the document's list */
     list<pbs_child> children_;
     struct step {
         int node;

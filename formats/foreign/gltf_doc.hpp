@@ -55,6 +55,7 @@ template <class T> class list {
     }
     void pop() { size_--; }
     void clear() { size_ = 0; }
+    void shrink(size_t n) { size_ = n; } /* to the first n */
     size_t size() const { return size_; }
     bool empty() const { return !size_; }
     T *data() { return data_; }
@@ -137,9 +138,10 @@ struct meshopt_entry {
     uint8_t mode, filter;
 };
 struct channel_entry {
-    int32_t node, output; /* output: accessor */
-    uint8_t path;
-    bool cubic;
+    int32_t node, input, output; /* accessors */
+    uint32_t animation;
+    uint8_t path, way; /* way: pbs_motion_way */
+    bool moves;        /* it does more than to repeat the pose at rest */
 };
 
 struct document {
@@ -170,6 +172,7 @@ struct document {
     list<double> numbers;
     list<int32_t> children;
     list<std::string_view> materials; /* their texts in the file */
+    list<uint32_t> animations;        /* their names */
     list<channel_entry> channels;
     list<int32_t> roots; /* of the scene */
     size_t scenes = 0;   /* how many */

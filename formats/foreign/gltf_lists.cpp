@@ -16,8 +16,8 @@ document::document(pbs_run *run, pbs_err *err)
       primitives(run, "the meshes", err), attributes(run, "the meshes", err),
       nodes(run, "the nodes", err), instancing(run, "the nodes", err),
       numbers(run, "the nodes", err), children(run, "the nodes", err),
-      materials(run, "the materials", err), channels(run, "the animations", err),
-      roots(run, "the scene", err) {}
+      materials(run, "the materials", err), animations(run, "the animations", err),
+      channels(run, "the animations", err), roots(run, "the scene", err) {}
 
 uint32_t document::add_name(std::string_view s) {
     if (s.empty()) return no_name;
@@ -197,15 +197,17 @@ class batch {
 /* An animation is not parsed as one: a single one may move every node of the scene. */
 static void read_animations(document &doc, batch &objects, table &t, pbs_run *run, pbs_err *err) {
     static const char *const channel[] = {"sampler", "target", nullptr};
-    static const char *const sampler[] = {"output", "interpolation", nullptr};
+    static const char *const sampler[] = {"input", "output", "interpolation", nullptr};
     walk(doc, "animations", doc.lists.animations, run, err, [&](scanner &s, size_t i) {
-        std::string_view channels, samplers;
+        std::string_view channels, samplers, name;
         std::string place = "animation " + std::to_string(i);
         bool valid = each_member(s.value(), err, [&](std::string_view key, std::string_view v) {
             if (key == "channels") channels = v;
             if (key == "samplers") samplers = v;
+            if (key == "name") name = v;
         });
         if (!valid) fail(err, PBS_DATA, "%s is not an object", place.c_str());
+        doc.animations.push(name.empty() ? no_name : doc.add_name(unescape(unquote(name))));
         t.begin_animation();
         objects.run((place + ": samplers").c_str(), (place + ": sampler").c_str(), samplers,
                     sampler, [&](json_object o, size_t) { t.add_sampler(o); });

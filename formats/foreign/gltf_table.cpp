@@ -1,5 +1,6 @@
 /* gltf_table.cpp: one object of the JSON to one line of a table. */
 #include "formats/foreign/gltf_table.hpp"
+#include "libcore/motion.h"
 
 namespace pbs::gltf {
 
@@ -271,8 +272,12 @@ void table::add_scene(json_object o) {
 void table::add_sampler(json_object o) {
     json_value v;
     std::string_view text;
-    bool cubic = find(o, "interpolation", v) && !v.get(text) && text == "CUBICSPLINE";
-    samplers_.push({index(o, "output"), cubic});
+    uint8_t way = PBS_MOTION_LINEAR;
+    if (find(o, "interpolation", v) && !v.get(text)) {
+        if (text == "STEP") way = PBS_MOTION_STEP;
+        if (text == "CUBICSPLINE") way = PBS_MOTION_CUBIC;
+    }
+    samplers_.push({index(o, "input"), index(o, "output"), way});
 }
 
 /* "/nodes/7/rotation" */
@@ -303,9 +308,10 @@ void table::add_channel(json_object o) {
         return;
     for (int k = 0; k < 3; k++)
         if (what == paths[k] && node >= 0) {
-            bool known = sampler >= 0 && (size_t)sampler < samplers_.size();
-            doc_.channels.push({node, known ? samplers_[(size_t)sampler].output : absent,
-                                (uint8_t)k, known && samplers_[(size_t)sampler].cubic});
+            sampler_entry s = {absent, absent, PBS_MOTION_LINEAR};
+            if (sampler >= 0 && (size_t)sampler < samplers_.size()) s = samplers_[(size_t)sampler];
+            doc_.channels.push({node, s.input, s.output, (uint32_t)doc_.animations.size() - 1,
+                                (uint8_t)k, s.way, false});
         }
 }
 

@@ -43,8 +43,8 @@ class table {
     bool extension(json_object o, const char *key, json_object &out);
 
     struct sampler_entry {
-        int32_t output;
-        bool cubic;
+        int32_t input, output;
+        uint8_t way;
     };
     document &doc_;
     pbs_err *err_;

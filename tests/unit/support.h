@@ -117,6 +117,17 @@ static inline pbs_node small_node(uint32_t id, uint64_t records, pbs_child *chil
     return n;
 }
 
+/* A turn along a spline in an animation, steps in another. */
+static inline const pbs_motion *small_motion(void) {
+    static const double time[3] = {0, 1, 2.5};
+    static const double value[24] = {0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1};
+    static const pbs_motion_channel channels[2] = {
+        {0, PBS_MOTION_ROTATION, PBS_MOTION_CUBIC, 2, time, value},
+        {1, PBS_MOTION_SCALE, PBS_MOTION_STEP, 3, time, value + 8}};
+    static const pbs_motion motion = {{{0, 0, 0}, {0, 0, 0, 1}, {1, 1, 1}}, 2, channels};
+    return &motion;
+}
+
 /* Two nodes with points each, as a stream; several chunks a node. */
 static inline blob small_stream(pbs_run *run, pbs_kind kind, uint32_t channels) {
     pbs_record r = pbs_record_make(channels, false);
@@ -143,7 +154,7 @@ static inline blob small_archive(pbs_run *run, uint32_t channels) {
     pbs_points p[2];
     pbs_lattice l[2];
     pbs_record_text(&r, text);
-    pbs_writer *w = spool_writer(run, PBS_ARCHIVE, text, 2 + 1 + 2);
+    pbs_writer *w = spool_writer(run, PBS_ARCHIVE, text, 2 + 3 + 1 + 2);
     for (uint32_t id = 0; id < 2; id++) {
         pbs_child child;
         fill_points(run, r.channels, 4 + 2 * id, id + 9, &p[id]);
@@ -151,8 +162,12 @@ static inline blob small_archive(pbs_run *run, uint32_t channels) {
         l[id] = pbs_lattice_of(p[id].position, p[id].count);
         memcpy(n.lattice_min, l[id].min, sizeof n.lattice_min);
         n.lattice = l[id].step;
+        child.motion = 1;
         must(pbs_node_write(run, w, &n, &err), &err);
     }
+    must(pbs_animation_write(w, 0, "turn", &err), &err);
+    must(pbs_animation_write(w, 1, NULL, &err), &err);
+    must(pbs_motion_write(run, w, 0, small_motion(), &err), &err);
     for (uint32_t id = 0; id < 2; id++) {
         must(pbs_points_write(run, w, &r, id, &p[id], 0, id ? 4 : 100, &l[id], &err), &err);
         pbs_points_free(run, &p[id]);
@@ -174,14 +189,15 @@ static inline void put_quad(const pbs_sink *s, double size, uint32_t m0, uint32_
     must(s->triangle(s->ctx, (pbs_corner[3]){c[1], c[3], c[2]}, m1, &err), &err);
 }
 
-/* Two parts with all attributes, a material with a texture, and an assembly of three placings. */
+/* Two parts with all attributes, a material with a texture, and an assembly of three placings, one
+ * of which moves. */
 static inline blob small_scene(pbs_run *run) {
     pbs_writer *w = spool_writer(run, PBS_SCENE, NULL, 0);
     pbs_scene_writer *sw;
     pbs_err err = {0};
     must(pbs_scene_writer_new(run, w, NULL, &sw, &err), &err);
     const pbs_sink *s = pbs_scene_sink(sw);
-    uint32_t texture, material, node[3];
+    uint32_t texture, material, animation, node[3];
     pbs_material m = PBS_MATERIAL_DEFAULT;
     must(s->texture(s->ctx, "t.png", "not a picture", 13, &texture, &err), &err);
     m.name = "red", m.base[1] = m.base[2] = 0;
@@ -194,6 +210,10 @@ static inline blob small_scene(pbs_run *run) {
         must(s->part_end(s->ctx, &node[i], &err), &err);
     }
     pbs_child child[3] = {{.node = node[0], .name = "left"}, {.node = node[1]}, {.node = node[0]}};
+    must(s->animation(s->ctx, "turn", &animation, &err), &err);
+    must(s->animation(s->ctx, "", &animation, &err), &err);
+    must(s->motion(s->ctx, small_motion(), &child[1].motion, &err), &err);
+    child[1].flags = PBS_CHILD_MOVES;
     for (int i = 0; i < 3; i++)
         memcpy(child[i].m, PBS_IDENTITY, sizeof child[i].m), child[i].m[7] = i;
     must(s->assembly(s->ctx, "all", child, 3, &node[2], &err), &err);

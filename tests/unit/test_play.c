@@ -296,11 +296,11 @@ TEST(point_of_a_pixel) {
 }
 
 /* Two cubes of one part and a long bolt through the first; an assembly of both, twice. */
-static pbs_child assembly_of[3] = {{0, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}, NULL, 0},
-                                   {0, {2, 0, 0, 5, 0, 2, 0, 0, 0, 0, 2, 0}, "large cube", 0},
-                                   {1, {0, 0, 9, 0, 0, 1, 0, 0, -1, 0, 0, 0}, NULL, 0}};
-static pbs_child root_of[2] = {{2, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}, "left", 0},
-                               {2, {1, 0, 0, 1e7, 0, 1, 0, 0, 0, 0, 1, 0}, "", 0}};
+static pbs_child assembly_of[3] = {{0, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}, NULL, 0, 0},
+                                   {0, {2, 0, 0, 5, 0, 2, 0, 0, 0, 0, 2, 0}, "large cube", 0, 0},
+                                   {1, {0, 0, 9, 0, 0, 1, 0, 0, -1, 0, 0, 0}, NULL, 0, 0}};
+static pbs_child root_of[2] = {{2, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}, "left", 0, 0},
+                               {2, {1, 0, 0, 1e7, 0, 1, 0, 0, 0, 0, 1, 0}, "", 0, 0}};
 static const pbs_node nodes[4] = {
     {.id = 0, .name = "cube", .box = {{-1, -1, -1}, {1, 1, 1}}},
     {.id = 1, .name = "bolt", .box = {{-0.1, -0.1, -0.1}, {0.1, 0.1, 0.1}}},
@@ -319,7 +319,8 @@ static bool last_is_part;
 static const char *pick(double x, double y, double z, double tolerance) {
     static char out[128];
     bool part = false;
-    if (pbs_pick(&run, nodes, 4, (double[3]){x, y, z}, tolerance, out, sizeof out, &part, &err))
+    if (pbs_pick(&run, &(pbs_pick_scene){nodes, 4, NULL, NULL}, (double[3]){x, y, z}, tolerance,
+                 out, sizeof out, &part, &err))
         return "error";
     last_is_part = part;
     return out;
@@ -343,14 +344,15 @@ TEST(parts_are_named_by_their_path) {
 TEST(names_that_do_not_fit_and_none) {
     char out[16];
     bool found;
-    CHECK(pbs_pick(&run, nodes, 4, (double[3]){6, 1.5, -1.5}, 0, out, sizeof out, &found, &err) ==
-          PBS_OK);
+    CHECK(pbs_pick(&run, &(pbs_pick_scene){nodes, 4, NULL, NULL}, (double[3]){6, 1.5, -1.5}, 0, out,
+                   sizeof out, &found, &err) == PBS_OK);
     CHECK(found && !strcmp(out, "plant / left")); /* whole names only */
     pbs_node nameless = {.id = 0, .name = "", .box = {{0, 0, 0}, {1, 1, 1}}};
-    CHECK(pbs_pick(&run, &nameless, 1, (double[3]){0.5, 0.5, 0.5}, 0, out, sizeof out, &found,
-                   &err) == PBS_OK);
+    CHECK(pbs_pick(&run, &(pbs_pick_scene){&nameless, 1, NULL, NULL}, (double[3]){0.5, 0.5, 0.5}, 0,
+                   out, sizeof out, &found, &err) == PBS_OK);
     CHECK(found && !strcmp(out, "node 0"));
-    CHECK(pbs_pick(&run, nodes, 0, (double[3]){0}, 0, out, sizeof out, &found, &err) == PBS_OK);
+    CHECK(pbs_pick(&run, &(pbs_pick_scene){nodes, 0, NULL, NULL}, (double[3]){0}, 0, out,
+                   sizeof out, &found, &err) == PBS_OK);
     CHECK(!found && !out[0]);
 }
 
@@ -369,14 +371,14 @@ TEST(picking_ends) {
     }
     char out[512];
     bool found;
-    CHECK(pbs_pick(&run, tower, LEVELS + 1, (double[3]){0.5, 0.5, 0.5}, 0, out, sizeof out, &found,
-                   &err) == PBS_OK);
+    CHECK(pbs_pick(&run, &(pbs_pick_scene){tower, LEVELS + 1, NULL, NULL},
+                   (double[3]){0.5, 0.5, 0.5}, 0, out, sizeof out, &found, &err) == PBS_OK);
     CHECK(found && strlen(out) == 1 + 4 * LEVELS);
 }
 
 /* A placing that is flat has no inverse. */
 TEST(flat_placings_are_picked) {
-    pbs_child flat = {0, {1, 0, 0, 0, 0, 0, 0, 5, 0, 0, 1, 0}, "plate", 0};
+    pbs_child flat = {0, {1, 0, 0, 0, 0, 0, 0, 5, 0, 0, 1, 0}, "plate", 0, 0};
     pbs_node two[2] = {nodes[0],
                        {.id = 1,
                         .name = "",
@@ -385,8 +387,8 @@ TEST(flat_placings_are_picked) {
                         .children = &flat}};
     char out[64];
     bool found;
-    CHECK(pbs_pick(&run, two, 2, (double[3]){0.5, 5.01, 0.5}, 0.1, out, sizeof out, &found, &err) ==
-          PBS_OK);
+    CHECK(pbs_pick(&run, &(pbs_pick_scene){two, 2, NULL, NULL}, (double[3]){0.5, 5.01, 0.5}, 0.1,
+                   out, sizeof out, &found, &err) == PBS_OK);
     CHECK(found && !strcmp(out, "plate"));
 }
 
