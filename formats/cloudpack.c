@@ -152,6 +152,7 @@ static pbs_code sink_node(void *ctx, void *s, pbs_err *err) {
                       ? write_place(p, from->node, err)
                       : write_chunks(p, from->node, 0, from->out, n->count, err);
     p->done += n->count;
+    pbs_trim_now(&p->points.trim);
     pbs_run_progress(p->run, "writing", p->done, p->points.count);
     return rc;
 }

@@ -10,15 +10,15 @@
 #include <string.h>
 
 enum {
-    BATCH = 65536,        /* so many that the points of a cell are usually many */
-    PART = 1024,          /* of it, as numbers of the file */
-    PIECE = 192 << 10,    /* bytes of a file at a time */
-    HELD = 32 << 20,      /* bytes of pages of files */
-    POINTS = 208 << 20,   /* bytes of points in memory, and what threads need: else a file */
+    BATCH = 65536,      /* so many that the points of a cell are usually many */
+    PART = 1024,        /* of it, as numbers of the file */
+    PIECE = 192 << 10,  /* bytes of a file at a time */
+    HELD = 32 << 20,    /* bytes of pages of files */
+    POINTS = 208 << 20, /* bytes of points in memory, and what threads need: else a file */
     A_THREAD = 16 << 20,
     THE_REST = 24 << 20,
     REST_IN_MEMORY = 16 << 20,
-    CELLS = 1 << 17       /* that are hoped for */
+    CELLS = 1 << 16 /* that are hoped for */
 };
 
 typedef enum pass_kind { MEASURE, COUNT, MEASURE_AND_COUNT, TAKE } pass_kind;
@@ -404,7 +404,8 @@ static pbs_code measure_and_count(take *t, pbs_err *err) {
     if (!rc && guessed) right = guess_was_right(t, t->maps, before.bits);
     if (!rc) rc = choose(t, t->bounds, err);
     if (!rc) rc = new_grid(t, err);
-    if (!rc && right && all_whole(t) && t->grid.bits - t->grid.depth == before.bits - before.depth) {
+    if (!rc && right && all_whole(t) &&
+        t->grid.bits - t->grid.depth == before.bits - before.depth) {
         uint32_t by[3];
         for (int k = 0; k < 3; k++) by[k] = t->maps[0].plus[k] - first.plus[k];
         move_counts(t, &before, by);

@@ -112,11 +112,16 @@ static inline uint32_t pbs_clod_place(const pbs_clod_grid *g, const uint32_t q[3
            g->spread[(q[2] - g->origin[2]) >> shift] << 2;
 }
 
+/* So many of what is left of cells are thinned in one go, whatever the memory; of more, cubes one
+ * after the other, which respect those before them. */
+enum { PBS_CLOD_PIECE = 1 << 17 };
+
 typedef struct pbs_clod_cells {
     pbs_clod_cell *cell; /* in Morton order, none empty */
     size_t count, room;
     size_t most; /* 0: any number; of more there is an error, PBS_LIMIT, and too_many */
     bool too_many;
+    uint32_t piece; /* 0: PBS_CLOD_PIECE */
 } pbs_clod_cells;
 
 /* Appends the cells of a grid that is counted; their points begin at `first` and follow each
@@ -149,10 +154,6 @@ typedef struct pbs_clod_upper {
     size_t *first;       /* of each cell, and the end */
     bool stored;         /* rest is the store's */
 } pbs_clod_upper;
-
-/* So many are thinned in one go, whatever the memory; of more, cubes one after the other, which
- * respect those before them. */
-enum { PBS_CLOD_PIECE = 1 << 17 };
 
 pbs_code pbs_clod_thin_upper(pbs_run *run, const pbs_clod_store *store, pbs_clod_cells *cells,
                              int top, bool colours, pbs_clod_upper *out, pbs_err *err);

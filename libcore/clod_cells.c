@@ -2,7 +2,10 @@
 #include "libcore/clod.h"
 #include <string.h>
 
-enum { CUT_DEPTH = 5 }; /* of the grid that a cell with too many points is cut by */
+enum {
+    CUT_DEPTH = 5,    /* of the grid that a cell is cut by, at most */
+    CUT_POINTS = 1024 /* of a surface in a cell of it, or more */
+};
 
 pbs_code pbs_clod_grid_new(pbs_run *run, int bits, int depth, pbs_clod_grid *g, pbs_err *err) {
     size_t n = (size_t)1 << 3 * depth;
@@ -141,7 +144,9 @@ static pbs_code cut(const cutter *u, const pbs_clod_cell *c, pbs_err *err) {
     if (fits(c->bits, c->count)) return add(u->run, out, c, err);
     pbs_clod_grid g;
     pbs_clod_cells parts = {0};
-    rc = pbs_clod_grid_new(u->run, c->bits, c->bits < CUT_DEPTH ? c->bits : CUT_DEPTH, &g, err);
+    int depth = 1;
+    while (depth < CUT_DEPTH && depth < c->bits && c->count >> 2 * depth > CUT_POINTS) depth++;
+    rc = pbs_clod_grid_new(u->run, c->bits, depth, &g, err);
     if (rc) return rc;
     rc = cut_once(u, c, &g, &parts, err);
     pbs_clod_grid_free(u->run, &g);
@@ -151,7 +156,7 @@ static pbs_code cut(const cutter *u, const pbs_clod_cell *c, pbs_err *err) {
 
 pbs_code pbs_clod_cut(pbs_run *run, pbs_clod_raw *raw, pbs_clod_cells *cells,
                       void (*done)(void *ctx), void *ctx, pbs_err *err) {
-    pbs_clod_cells out = {.most = cells->most};
+    pbs_clod_cells out = {.most = cells->most, .piece = cells->piece};
     const cutter u = {run, raw, &out, done, ctx};
     pbs_code rc = PBS_OK;
     for (size_t i = 0; i < cells->count && !rc; i++) rc = cut(&u, &cells->cell[i], err);

@@ -20,6 +20,7 @@ typedef struct upper {
     pbs_clod_border *border;
     pbs_thin thin;
     pbs_thin_set set, kept, rejected; /* set: of more than one cube */
+    uint32_t most;                    /* points of a cube */
     size_t room, next;                /* of the set; which rest is looked at next */
     uint32_t at;                      /* first of the set that is not done */
     bool before;                      /* there was one before it: */
@@ -41,9 +42,10 @@ static pbs_code take_rests(upper *u, bool colours, pbs_err *err) {
     pbs_clod_work w = {0};
     size_t n = 0;
     for (size_t i = 0; i < u->cells->count; i++) n += u->cells->cell[i].rest_count;
-    pbs_code rc = u->store->more
-                      ? u->store->more(u->store->ctx, n * sizeof *out->rest, (void **)&out->rest, err)
-                      : pbs_alloc(u->run, &out->rest, n, sizeof *out->rest, "coarse points", err);
+    pbs_code rc =
+        u->store->more
+            ? u->store->more(u->store->ctx, n * sizeof *out->rest, (void **)&out->rest, err)
+            : pbs_alloc(u->run, &out->rest, n, sizeof *out->rest, "coarse points", err);
     out->stored = u->store->more != NULL;
     if (!rc)
         rc = pbs_alloc(u->run, &out->first, u->cells->count + 1, sizeof *out->first,
@@ -100,12 +102,11 @@ static int next_cube(const upper *u, uint32_t *end) {
     int bits = PBS_CLOD_BITS + 1;
     position(s, u->at, q);
     if (u->before) bits = cube_of(u->last, q) - 1;
-    if (s->count - u->at > PBS_CLOD_PIECE) {
-        position(s, u->at + PBS_CLOD_PIECE, other);
+    if (s->count - u->at > u->most) {
+        position(s, u->at + u->most, other);
         if (cube_of(q, other) - 1 < bits) bits = cube_of(q, other) - 1;
     }
-    uint32_t low = u->at + 1, high = s->count - u->at > PBS_CLOD_PIECE ? u->at + PBS_CLOD_PIECE
-                                                                       : s->count;
+    uint32_t low = u->at + 1, high = s->count - u->at > u->most ? u->at + u->most : s->count;
     while (low < high) { /* the first that is not in it */
         uint32_t mid = low + (high - low) / 2;
         position(s, mid, other);
@@ -222,7 +223,7 @@ static pbs_code upper_level(upper *u, int k, pbs_err *err) {
     do {
         /* Whether a cube is small enough can be seen as long as there is one point more than it
          * may have. */
-        if (u->set.count - u->at <= PBS_CLOD_PIECE) fill(u, k);
+        if (u->set.count - u->at <= u->most) fill(u, k);
         if (u->at < u->set.count) rc = thin_cube(u, k, u->next < u->out->count, err);
     } while (!rc && (u->at < u->set.count || u->next < u->out->count));
     return rc;
@@ -241,8 +242,8 @@ static pbs_code upper_levels(upper *u, int top, pbs_err *err) {
 }
 
 static pbs_code new_sets(upper *u, bool colours, pbs_err *err) {
-    size_t n = u->out->count < PBS_CLOD_PIECE ? u->out->count : PBS_CLOD_PIECE;
-    u->room = u->out->count < 2 * PBS_CLOD_PIECE ? u->out->count : 2 * PBS_CLOD_PIECE;
+    size_t n = u->out->count < u->most ? u->out->count : u->most;
+    u->room = u->out->count < 2 * (size_t)u->most ? u->out->count : 2 * (size_t)u->most;
     pbs_code rc =
         pbs_alloc(u->run, &u->border, PBS_CLOD_BORDER, sizeof *u->border, "coarse points", err);
     if (!rc) rc = pbs_thin_new(u->run, n, &u->thin, err);
@@ -254,6 +255,7 @@ static pbs_code new_sets(upper *u, bool colours, pbs_err *err) {
 pbs_code pbs_clod_thin_upper(pbs_run *run, const pbs_clod_store *store, pbs_clod_cells *cells,
                              int top, bool colours, pbs_clod_upper *out, pbs_err *err) {
     upper u = {.run = run, .store = store, .cells = cells, .out = out};
+    u.most = cells->piece ? cells->piece : PBS_CLOD_PIECE;
     memset(out, 0, sizeof *out);
     pbs_code rc = take_rests(&u, colours, err);
     if (!rc) rc = new_sets(&u, colours, err);

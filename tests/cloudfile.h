@@ -44,4 +44,16 @@ static inline void las_write(const char *path, const las_desc *d, const int32_t 
     free(h);
     free(p);
 }
+
+/* Says in the header of PATH that the numbers are in a box. */
+static inline void las_say_box(const char *path, const las_desc *d, const int32_t low[3],
+                               const int32_t high[3]) {
+    FILE *f = fopen(path, "r+b");
+    fseek(f, 179, SEEK_SET);
+    for (int k = 0; k < 3; k++) {
+        double box[2] = {d->offset[k] + d->scale[k] * high[k], d->offset[k] + d->scale[k] * low[k]};
+        fwrite(box, 8, 2, f);
+    }
+    fclose(f);
+}
 #endif

@@ -9,6 +9,7 @@
 #include <math.h>
 
 static pbs_err err;
+static uint32_t piece; /* of what is left of cells; 0: as usual */
 
 typedef struct cloud {
     pbs_clod_raw *raw; /* as it came in */
@@ -88,6 +89,7 @@ static void levels(cloud *c, int threads, bool colours) {
     pbs_clod_cells cells = {0};
     pbs_clod_upper u;
     int depth = c->bits < 4 ? c->bits : 4;
+    cells.piece = piece;
     pbs_clod_raw *p = malloc((c->count + 1) * sizeof *p), *from = c->raw;
     CHECK(!pbs_clod_grid_new(&run, c->bits, depth, &g, &err));
     for (size_t i = 0; i < c->count; i++) g.count[pbs_clod_place(&g, from[i].q)]++;
@@ -271,6 +273,20 @@ TEST(the_same_for_any_number_of_threads) {
     free(b.k);
     free(b.colour);
     cloud_free(&a);
+}
+
+/* What is left of many cells, in cubes: of all sizes, down to one point. */
+TEST(what_is_left_in_cubes) {
+    const uint32_t sizes[] = {700, 40, 1};
+    for (size_t i = 0; i < 3; i++) {
+        cloud c = terrain(3000, 24);
+        piece = sizes[i];
+        levels(&c, 1, true);
+        CHECK_NUM(c.cells > 300, c.cells);
+        check_levels(&c, 0.9);
+        cloud_free(&c);
+    }
+    piece = 0;
 }
 
 TEST(few_points_and_one) {

@@ -312,6 +312,43 @@ static bool same_files(const char *a, const char *b) {
     return c == d && n > 1000;
 }
 
+/* A header may say any box: the archive is the same. */
+TEST(a_box_that_is_right_or_wrong) {
+    const int32_t boxes[][2][3] = {{{-1000, 0, -40000}, {399000, 400000, 40000}},
+                                   {{-2000000, -2000000, -2000000}, {2000000, 2000000, 2000000}},
+                                   {{500, 500, 500}, {900, 900, 900}},
+                                   {{INT32_MIN, 0, 0}, {INT32_MAX, 3, 3}}};
+    make_terrain(&terrain, 400000);
+    CHECK(!pack_one("t.las", "none.pbs"));
+    for (int b = -1; b < 4; b++) {
+        int32_t low[3] = {INT32_MAX, INT32_MAX, INT32_MAX},
+                high[3] = {INT32_MIN, INT32_MIN, INT32_MIN};
+        for (size_t i = 0; i < 3 * N; i++) {
+            low[i % 3] = q[i] < low[i % 3] ? q[i] : low[i % 3];
+            high[i % 3] = q[i] > high[i % 3] ? q[i] : high[i % 3];
+        }
+        las_say_box("t.las", &terrain, b < 0 ? low : boxes[b][0], b < 0 ? high : boxes[b][1]);
+        CHECK(!pack_one("t.las", "t.pbs"));
+        CHECK_NUM(same_files("t.pbs", "none.pbs"), b);
+    }
+    CHECK(stats.bound == 0);
+}
+
+/* Points far apart on a fine lattice: what is left of their cells must not take more memory. */
+TEST(a_sparse_cloud_in_little_memory) {
+    las_desc d = terrain;
+    d.count = 120000, d.extra = 0;
+    int32_t *many = calloc(3 * d.count, sizeof *many);
+    for (size_t i = 0; i < 3 * d.count; i++) many[i] = (int32_t)(2e9 * (chance() - 0.5));
+    las_write("t.las", &d, many, NULL);
+    free(many);
+    const char *path = "t.las";
+    pbs_run tight = {.threads = 1, .mem_limit = 64 << 20}, wide = {.threads = 2};
+    CHECK(!pack(&tight, &path, 1, "one.pbs") && !pack(&wide, &path, 1, "two.pbs"));
+    CHECK(stats.points == d.count && same_files("one.pbs", "two.pbs"));
+    CHECK_NUM(wide.mem_peak < 96 << 20, wide.mem_peak);
+}
+
 TEST(the_same_bytes_for_any_threads_and_memory) {
     las_desc d = terrain;
     d.count = 200000;
