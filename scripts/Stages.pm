@@ -78,8 +78,11 @@ sub command {
         elsif ($self->{scene}{command}) { $self->run("$self->{scene}{command} >mesh") }
     }
     my $path = $self->{scene}{path};
-    return defined $path ? $command{$name} =~ s/mesh/--ignore-missing '$path'/r : $command{$name};
+    return defined $path ? $command{$name} =~ s/mesh/'--ignore-missing ' . quoted($path)/er : $command{$name};
 }
+
+# For the shell.
+sub quoted { my $text = shift; return "'" . ($text =~ s/'/'\\''/gr) . "'" }
 
 # The figures of a stage; its result stays, for the stages after it. to: a file instead, and with it
 # the figures have the member "sum", of its bytes.
