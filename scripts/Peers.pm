@@ -155,16 +155,26 @@ sub cloudcompare {
 
 # ---- what is printed ----
 
+# In lines of at most 104 letters, as they are pasted.
+sub wrapped {
+    my ($text) = @_;
+    my @lines = ('');
+    for my $word (split / /, $text) {
+        push @lines, '' if length($lines[-1]) && length($lines[-1]) + 1 + length($word) > 104;
+        $lines[-1] .= (length $lines[-1] ? ' ' : '') . $word;
+    }
+    return join "\n", @lines;
+}
 sub say { my ($self, @text) = @_; print "@text\n"; STDOUT->flush }
 sub failed { my ($self, $name, $why) = @_; chomp $why; return { way => $name, gives => "failed: $why" } }
 
 sub title {
     my ($self, $date) = @_;
     my ($cpu) = map { /^model name\s*:\s*(.*)/ ? $1 : () } do { open my $f, '<', '/proc/cpuinfo' or (); <$f> };
-    chomp(my $kernel = `uname -sr`);
+    my ($kernel) = `uname -sr` =~ /^(\S+ \d+(?:\.\d+)*)/;
     chomp(my $cores = `nproc`);
     $self->{caption} = "$date, $cores cores of " . ($cpu // 'an unknown processor') . ", $kernel; each program on one processor";
-    $self->say("$self->{caption}, CPU seconds the least of $self->{best} run" . ($self->{best} == 1 ? '' : 's (of one if above 2)') . ', memory resident at most.');
+    $self->say(wrapped("$self->{caption}, CPU seconds the least of $self->{best} run" . ($self->{best} == 1 ? '' : 's (of one if above 2)') . ', memory resident at most.'));
 }
 
 sub cell {
@@ -180,7 +190,7 @@ sub table {
     my @width = map { my $i = $_; (sort { $b <=> $a } map { length $_->[$i] } @lines)[0] } 0 .. $#$columns;
     my $line = sub { my $l = shift; '| ' . join(' | ', map { $columns->[$_][2] ? sprintf('%*s', $width[$_], $l->[$_]) : sprintf('%-*s', $width[$_], $l->[$_]) } 0 .. $#$columns) . ' |' };
     my $rule = '|' . join('|', map { $columns->[$_][2] ? '-' x ($width[$_] + 1) . ':' : '-' x ($width[$_] + 2) } 0 .. $#$columns) . '|';
-    $self->say("\n$text\n");
+    $self->say("\n" . wrapped($text) . "\n");
     $self->say($line->($lines[0]));
     $self->say($rule);
     $self->say($line->($_)) for @lines[1 .. $#lines];
