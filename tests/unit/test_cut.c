@@ -474,6 +474,35 @@ TEST(what_moves_is_placed_on_its_own) {
     CHECK(f.draw_count == 64);
 }
 
+/* A pose takes the place of the placing's transform, also where it leads out of all boxes above. */
+TEST(poses_are_where_things_are) {
+    grow_tree(PBS_HAS_SURFELS, true);
+    pbs_node *root = &T.nodes[NODES - 1];
+    pbs_child *c = &root->children[0];
+    double pose[2][12];
+    c->flags = PBS_CHILD_MOVES, c->motion = 2;
+    T.moving[NODES - 1] = 1;
+    pbs_cut_view v = look(2, 16);
+    memcpy(pose[1], c->m, sizeof pose[1]);
+    pose[1][7] += 0.125;
+    v.pose = (const double(*)[12])pose;
+    pbs_cut_frame f = next_frame(&v);
+    const pbs_cut_draw *d = draw_of(&f, c->node);
+    CHECK(f.draw_count == 2 && d && d->m[7] == c->m[7] + 0.125 && d->m[3] == c->m[3]);
+    /* Far out of the picture, and the picture there. */
+    pose[1][3] += 1e4;
+    f = next_frame(&v);
+    CHECK(f.draw_count == 1 && !draw_of(&f, c->node));
+    pbs_box there = pbs_xform_box(pose[1], &T.nodes[c->node].box);
+    pbs_camera_frame(&v.camera, &there, &(pbs_camera_desc){0});
+    f = next_frame(&v);
+    CHECK(f.draw_count == 1 && draw_of(&f, c->node));
+    v.pose = NULL;
+    f = next_frame(&v);
+    CHECK(f.draw_count == 0);
+    c->motion = 0;
+}
+
 /* A thousand placings of one leaf need it once, at the nearest. */
 TEST(instances_need_their_node_once) {
     grow_tree(PBS_HAS_VOXELS, true);

@@ -356,6 +356,59 @@ TEST(names_that_do_not_fit_and_none) {
     CHECK(!found && !out[0]);
 }
 
+/* What moves is named where it is, also out of the boxes of all that is above it. */
+TEST(what_moved_is_picked) {
+    const double pose[1][12] = {{1, 0, 0, 0, 0, 1, 0, 100, 0, 0, 1, 0}};
+    const uint64_t moving[4] = {0, 0, 0, 1};
+    const pbs_pick_scene scene = {nodes, 4, moving, pose};
+    char out[128];
+    bool part;
+    root_of[0].flags = PBS_CHILD_MOVES, root_of[0].motion = 1;
+    CHECK(!pbs_pick(&run, &scene, (double[3]){6, 101.5, -1.5}, 0, out, sizeof out, &part, &err));
+    CHECK(part && !strcmp(out, "plant / left / large cube"));
+    CHECK(!pbs_pick(&run, &scene, (double[3]){6, 1.5, -1.5}, 0, out, sizeof out, &part, &err));
+    CHECK(!part && !strcmp(out, "plant"));
+    CHECK(!strcmp(pick(6, 1.5, -1.5, 0), "plant / left / large cube"));
+    root_of[0].flags = root_of[0].motion = 0;
+}
+
+/* A light goes on and off, a wheel turns, nothing else moves. */
+TEST(chosen_animations_play) {
+    static const double time[2] = {0, 2}, x[6] = {0, 0, 0, 4, 0, 0};
+    static const pbs_motion_channel channels[2] = {
+        {0, PBS_MOTION_TRANSLATION, PBS_MOTION_LINEAR, 2, time, x},
+        {2, PBS_MOTION_TRANSLATION, PBS_MOTION_STEP, 2, time, x}};
+    pbs_motion motions[2] = {{PBS_TRS_IDENTITY, 1, &channels[0]},
+                             {PBS_TRS_IDENTITY, 1, &channels[1]}};
+    pbs_animation animations[3] = {{(char *)"turn", 2}, {(char *)"", 0}, {(char *)"turn", 1}};
+    const pbs_motions m = {animations, 3, 0, motions, 2, 0};
+    const struct {
+        const char *choice;
+        double time, first, second;
+    } cases[] = {{NULL, 0.5, 1, 0}, {"all", 1.5, 3, 0}, {"turn", 3.5, 3, 0}, {"0", 2, 4, 0},
+                 {"2", 1, 0, 0},    {"none", 1, 0, 0},  {"1", 1, 0, 0},      {"2", -0.25, 0, 0}};
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        pbs_poses p;
+        CHECK(!pbs_poses_open(&run, &m, cases[i].choice, &p, &err));
+        const double(*pose)[12] = pbs_poses_at(&p, cases[i].time);
+        CHECK_NUM(pose && pose[0][3] == cases[i].first && pose[1][3] == cases[i].second, i);
+        CHECK_NUM(pbs_poses_any(&p) == (i != 5), i);
+        CHECK(!pbs_poses_at(&p, NAN));
+        pbs_poses_close(&p);
+    }
+    pbs_poses p;
+    CHECK(pbs_poses_open(&run, &m, "3", &p, &err) == PBS_USAGE);
+    animations[1].name = (char *)"a\033[2J";
+    CHECK(pbs_poses_open(&run, &m, "tur", &p, &err) == PBS_USAGE);
+    CHECK(!strcmp(err.text, "--animation: tur: there is no such animation, only 0 turn, 1 a?[2J, "
+                            "2 turn"));
+    CHECK(pbs_poses_open(&run, &(pbs_motions){0}, "x", &p, &err) == PBS_USAGE);
+    CHECK(!pbs_poses_open(&run, &(pbs_motions){0}, NULL, &p, &err) && !pbs_poses_any(&p));
+    CHECK(!pbs_poses_at(&p, 1));
+    pbs_poses_close(&p);
+    CHECK(pbs_mem_used(&run) == 0);
+}
+
 /* 64 levels of two equal children place the part 2^64 times around one point. */
 TEST(picking_ends) {
     enum { LEVELS = 64 };
