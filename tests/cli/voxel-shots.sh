@@ -40,3 +40,15 @@ pbs-flatten -o both.pbs far.surf s.vox
 pbs-view -q --width 320 --height 256 --stats both.json --shot both.pam both.pbs
 echo "$(stat_of both.json nodes) nodes, $(stat_of both.json voxels) voxels"
 holds "$(stat_of both.json surfels) > 500" "and surfels"
+echo "--- colours of single faces: a sheet that is red below and green above"
+printf 'newmtl r\nKd 1 0 0\nnewmtl g\nKd 0 0.5 0\n' >two.mtl
+printf 'mtllib two.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 0.01\nv 1 0 0.01\nv 1 1 0.01\nv 0 1 0.01\nusemtl r\nf 1 4 3 2\nusemtl g\nf 5 6 7 8\n' >two.obj
+for what in colour material; do
+    pbs-voxelize -q -r 16 --orientation trust --per-face $what two.obj | pbs-flatten -q -o two.pbs
+    for eye in above:0.5,0.4,2 below:0.5,0.4,-2; do
+        view --camera "${eye#*:},0.5,0.5,0,0,1,0,30" --shot sheet.ppm two.pbs
+        # The picture's middle.
+        tail -c +$((16 + 3 * (128 * 320 + 160))) sheet.ppm | head -c 3 | od -An -tu1 |
+            awk -v from="$what, ${eye%:*}" '{ print from ": " (($1 > 2 * $2) ? "red" : ($2 > 2 * $1) ? "green" : "both") }'
+    done
+done

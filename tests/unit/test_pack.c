@@ -17,8 +17,8 @@ static double chance(uint64_t *seed, double most) {
     return most * (random_bits(seed) / 4294967296.0);
 }
 
-/* salt: of the textures' bytes, so that scenes differ in them. The last material, which has the last
- * texture, is nowhere. */
+/* salt: of the textures' bytes, so that scenes differ in them. The last material, which has the
+ * last texture, is nowhere. */
 static void add_looks(const maker *m, int salt) {
     static const char *const name[] = {"red", "green", "blue", "unseen"};
     for (int i = 0; i < 3; i++) {
