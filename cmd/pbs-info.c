@@ -2,6 +2,7 @@
 #include "cmd/tool.h"
 #include "formats/archive.h"
 #include "formats/check.h"
+#include "formats/meshbits.h"
 #include <inttypes.h>
 #include <stdio.h>
 #include <string.h>
@@ -86,6 +87,7 @@ static bool place_of(const printer *p, const pbs_chunk *c, pbs_voxel_place *plac
 static void print_chunk(const printer *p, const pbs_chunk *c) {
     char tag[5], node[16] = "-";
     pbs_voxel_place at;
+    double step = c->tag == PBS_TAG_MESH ? pbs_mesh_flags_step(c->flags) : 0;
     bool has_place = place_of(p, c, &at);
     pbs_tag_text(c->tag, tag);
     if (c->node != UINT32_MAX) snprintf(node, sizeof node, "%u", c->node);
@@ -98,6 +100,7 @@ static void print_chunk(const printer *p, const pbs_chunk *c) {
         if (c->codec && c->codec < PBS_CODECS) printf("  %s", pbs_codec_name[c->codec]);
         if (has_place)
             printf("  level %u, %u %u %u", at.level, at.chunk[0], at.chunk[1], at.chunk[2]);
+        if (step > 0) printf("  lattice %.9g, error up to %.9g", step, step / 2);
         printf("\n");
         return;
     }
@@ -109,6 +112,7 @@ static void print_chunk(const printer *p, const pbs_chunk *c) {
     if (has_place)
         printf(", \"level\": %u, \"cells\": [%u, %u, %u]", at.level, at.chunk[0], at.chunk[1],
                at.chunk[2]);
+    if (step > 0) printf(", \"lattice\": %.9g, \"axis_error\": %.9g", step, step / 2);
     printf("}");
 }
 
