@@ -58,6 +58,8 @@ flags_zstd  :=
 libs_zstd   := -lzstd
 flags_meshopt :=
 libs_meshopt := -lmeshoptimizer
+flags_draco :=
+libs_draco  := -ldraco
 modules :=
 ifeq ($(call have,tiny_gltf.h draco/compression/decode.h nlohmann/json.hpp simdjson.h meshoptimizer.h,$(flags_gltf)),yes)
 modules += gltf
@@ -77,7 +79,10 @@ endif
 ifeq ($(call have,meshoptimizer.h,$(flags_meshopt)),yes)
 modules += meshopt
 endif
-missing := $(filter-out $(modules),gltf image exr mend zstd meshopt)
+ifeq ($(call have,draco/compression/expert_encode.h,$(flags_draco)),yes)
+modules += draco
+endif
+missing := $(filter-out $(modules),gltf image exr mend zstd meshopt draco)
 
 .PHONY: all test demo report scaling peers bench fuzz lint install clean deps
 .SECONDARY:

@@ -2,16 +2,23 @@
 #include "cmd/notes.h"
 #include "cmd/tool.h"
 #include "formats/archive.h"
+#include "formats/meshbits.h"
 #include "formats/pack.h"
 
 typedef struct options {
     int codec; /* pbs_codec */
+    uint64_t mesh_bits;
 } options;
 
 static const pbs_option table[] = {
     {0, "codec", PBS_CHOICE, offsetof(options, codec), "WHICH", "how the data is packed", 0, 0,
      pbs_codec_name, true},
+    {0, "mesh-bits", PBS_COUNT, offsetof(options, mesh_bits), "N",
+     "meshes on a lattice of 2^N steps; 0: exact (default 0; with draco 16)", 0, PBS_MESH_BITS_MOST,
+     NULL, true},
 };
+enum { MESH_BITS = 1 };   /* its place in the table */
+enum { DRACO_BITS = 16 }; /* if they are not given */
 
 static const pbs_tool tool = {"pbs-flatten",
                               "Packs surfels, voxels, point clouds and scenes into one archive",
@@ -40,6 +47,7 @@ static void report_scenes(pbs_app *app, const pbs_pack_stats *s) {
     pbs_stat_count(app, "triangles", s->triangles);
     pbs_stat_count(app, "triangles_homeless", s->homeless);
     pbs_stat_count(app, "triangles_flat", s->flat);
+    pbs_stat_real(app, "mesh_error_bound", s->mesh_bound);
     if (s->matched < s->scenes && (s->surfels || s->voxels))
         pbs_note(app,
                  "%llu of %llu scenes are not what the surfels or voxels were made from, and "
@@ -69,13 +77,18 @@ static void report(pbs_app *app, const pbs_pack_stats *s) {
 }
 
 static pbs_code work(pbs_app *app, void *opt, pbs_err *err) {
+    const options *o = opt;
     int n = app->common.operand_count ? app->common.operand_count : 1;
+    bool draco = o->codec == PBS_CODEC_DRACO, given = app->common.given >> MESH_BITS & 1;
+    if (draco && given && !o->mesh_bits)
+        return pbs_fail(err, PBS_USAGE,
+                        "--codec draco packs whole numbers: --mesh-bits 0 has none");
     pbs_pack *pack;
     pbs_pack_stats stats;
-    pbs_writer_desc to = {.path = app->common.output,
-                          .stage = app->stage,
-                          .codec = (pbs_codec)((const options *)opt)->codec};
+    pbs_writer_desc to = {
+        .path = app->common.output, .stage = app->stage, .codec = (pbs_codec)o->codec};
     pbs_code rc = pbs_pack_new(&app->run, &pack, err);
+    if (!rc) pbs_pack_mesh_bits(pack, draco && !given ? DRACO_BITS : (unsigned)o->mesh_bits);
     for (int i = 0; i < n && !rc; i++) rc = pbs_pack_add(pack, pbs_operand(app, i), err);
     if (!rc) rc = pbs_pack_write(pack, &to, &stats, err);
     if (!rc) report(app, &stats);
@@ -84,6 +97,6 @@ static pbs_code work(pbs_app *app, void *opt, pbs_err *err) {
 }
 
 int main(int argc, char **argv) {
-    options o = {PBS_CODEC_NONE};
+    options o = {PBS_CODEC_NONE, 0};
     return pbs_tool_main(argc, argv, &tool, &o, work);
 }

@@ -2,6 +2,7 @@
 #include "cmd/tool.h"
 #include "formats/archive.h"
 #include "formats/check.h"
+#include "formats/meshbits.h"
 #include <inttypes.h>
 #include <stdio.h>
 #include <string.h>
@@ -96,6 +97,7 @@ static void print_chunk(const printer *p, const pbs_chunk *c) {
     pbs_voxel_place at;
     char name[200];
     bool has_place = place_of(p, c, &at), has_name = name_of(p, c, name);
+    double step = c->tag == PBS_TAG_MESH ? pbs_mesh_flags_step(c->flags) : 0;
     pbs_tag_text(c->tag, tag);
     if (c->node != UINT32_MAX) snprintf(node, sizeof node, "%u", c->node);
     if (!p->o->json) {
@@ -108,6 +110,7 @@ static void print_chunk(const printer *p, const pbs_chunk *c) {
         if (has_place)
             printf("  level %u, %u %u %u", at.level, at.chunk[0], at.chunk[1], at.chunk[2]);
         if (has_name) printf("  "), print_clean(name, false);
+        if (step > 0) printf("  lattice %.9g, error up to %.9g", step, step / 2);
         printf("\n");
         return;
     }
@@ -120,6 +123,7 @@ static void print_chunk(const printer *p, const pbs_chunk *c) {
         printf(", \"level\": %u, \"cells\": [%u, %u, %u]", at.level, at.chunk[0], at.chunk[1],
                at.chunk[2]);
     if (has_name) printf(", \"name\": "), pbs_print_json_text(name, strlen(name));
+    if (step > 0) printf(", \"lattice\": %.9g, \"axis_error\": %.9g", step, step / 2);
     printf("}");
 }
 

@@ -94,10 +94,11 @@ void pbs_archive_release(const pbs_archive *a, pbs_fetched *f);
 uint64_t pbs_archive_bytes(const pbs_archive *a, uint32_t chunk);
 
 /* The first n records of a node's points, n <= its records, to `to`, which has n * record.stride
- * bytes. Of the file only those are read, and the header of each chunk; a chunk with a codec is
- * read whole. *verified: false if the last one was not read to its end, and so its checksum does
- * not say whether the bytes are good. Any bits are points, so that nothing worse than a wrong
- * picture can come of it. Thread-safe. */
+ * bytes. Of the file only those are read, and the header of each chunk; of a chunk with a codec the
+ * blocks in which they are (codec.h). *verified: false if the last one was not read to its end, and
+ * so its checksum does not say whether the bytes are good. Any bits are points, so that nothing
+ * worse than a wrong picture can come of it; bytes that cannot be unpacked are PBS_DATA.
+ * Thread-safe. */
 pbs_code pbs_archive_prefix(const pbs_archive *a, uint32_t node, uint64_t n, void *to,
                             bool *verified, pbs_err *err);
 

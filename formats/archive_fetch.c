@@ -67,10 +67,19 @@ static pbs_code copy_records(const pbs_archive *a, uint32_t chunk, uint64_t n, u
     const pbs_chunk *entry = &a->chunks[chunk];
     size_t bytes = (size_t)n * a->record.stride;
     pbs_fetched f = {0};
-    *verified = n == entry->count || entry->codec;
+    *verified = n == entry->count;
     pbs_code rc = *verified ? pbs_archive_fetch(a, chunk, &f, err)
                             : pbs_reader_look(a->reader, entry, &f.chunk, err);
-    if (!rc && bytes) memcpy(to, f.chunk.payload, bytes);
+    const pbs_chunk *c = &f.chunk;
+    if (!rc && !*verified && c->codec) {
+        rc = pbs_codec_prefix(a->run, c->codec, c->tag, c->count, c->payload, (size_t)c->stored, to,
+                              (size_t)c->count * a->record.stride, (uint32_t)n, err);
+        return rc == PBS_DATA
+                   ? pbs_fail_in(err, "%s: byte %llu: points of node %u",
+                                 pbs_reader_name(a->reader), (unsigned long long)c->offset, c->node)
+                   : rc;
+    }
+    if (!rc && bytes) memcpy(to, c->payload, bytes);
     if (!rc) pbs_archive_release(a, &f);
     return rc;
 }

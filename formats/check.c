@@ -2,6 +2,7 @@
 #include "formats/archive.h"
 #include "formats/check_points.h"
 #include "formats/check_voxels.h"
+#include "formats/meshbits.h"
 #include "formats/meshbuild.h"
 #include "formats/scene.h"
 #include <string.h>
@@ -123,6 +124,21 @@ static pbs_code check_node(state *s, const pbs_chunk *c, pbs_err *err) {
     return rc;
 }
 
+/* What a mesh says of its lattice, in front of its arrays and in its flags, and keeps. */
+static pbs_code check_lattice(const state *s, const pbs_chunk *c, pbs_err *err) {
+    pbs_mesh_lattice l;
+    const uint8_t *payload = c->payload;
+    double step = pbs_mesh_flags_step(c->flags);
+    bool has = pbs_mesh_has_lattice(payload);
+    if (!has && step == 0) return PBS_OK;
+    if (!s->archive) return bad(s, c, "a lattice elsewhere than in an archive", err);
+    if (!has || !pbs_mesh_lattice_get(payload, (size_t)c->bytes, &l) || l.step != step)
+        return bad(s, c, "its lattice is not what it says", err);
+    return pbs_mesh_on_lattice(payload, (size_t)c->bytes)
+               ? PBS_OK
+               : bad(s, c, "its numbers are not on its lattice", err);
+}
+
 /* In archives a node has meshes beside its records. */
 static pbs_code check_mesh(state *s, const pbs_chunk *c, pbs_err *err) {
     pbs_mesh m;
@@ -135,7 +151,7 @@ static pbs_code check_mesh(state *s, const pbs_chunk *c, pbs_err *err) {
     pbs_code rc = pbs_mesh_parse(s->name, c, &m, err);
     if (!rc && !pbs_mesh_materials_fit(&m, s->materials))
         rc = bad(s, c, "there is no such material", err);
-    return rc;
+    return rc ? rc : check_lattice(s, c, err);
 }
 
 /* Elsewhere than in scenes textures come later, or stay behind in the scene. */

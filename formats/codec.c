@@ -1,15 +1,17 @@
 /* codec.c: payloads packed and unpacked. The libraries are modules, opened for the first chunk that
  * needs them; they are so small that what every program takes as its base has room for them. */
 #include "formats/codec.h"
+#include "formats/codec_draco.h"
 #include "formats/container.h"
+#include "formats/meshbits.h"
 #include "formats/module.h"
 #include "formats/octaves.h"
 #include "formats/voxels.h"
 #include "formats/wire.h"
 #include <string.h>
 
-const char *const pbs_codec_name[PBS_CODECS + 1] = {"none", "zstd", "meshopt", "meshopt-zstd",
-                                                    NULL};
+const char *const pbs_codec_name[PBS_CODECS + 1] = {"none",         "zstd",  "meshopt",
+                                                    "meshopt-zstd", "draco", NULL};
 
 enum {
     ZSTD_LEVEL = 9,
@@ -46,7 +48,7 @@ static void mesh_shape(const uint8_t *head, size_t size, shape *s) {
     size_t v = pbs_get_u32(head), t = pbs_get_u32(head + 4);
     uint32_t arrays = pbs_get_u32(head + 8);
     if (v > PBS_MESH_VERTICES || t > PBS_MESH_TRIANGLES) return;
-    s->head = MESH_HEAD;
+    s->head = MESH_HEAD + (arrays & PBS_MESH_LATTICE ? PBS_MESH_LATTICE_SIZE : 0);
     add_array(s, v, 12);
     if (arrays & 1) add_array(s, v, 4);
     if (arrays & 2) add_array(s, v, 8);
@@ -202,24 +204,170 @@ static pbs_code pack_both(pbs_run *run, uint32_t tag, uint32_t count, const uint
     return rc;
 }
 
-pbs_code pbs_codec_pack(pbs_run *run, pbs_codec codec, uint32_t tag, uint32_t count,
-                        const void *bytes, size_t n, uint8_t **out, size_t *size, pbs_err *err) {
+static pbs_code pack_one(pbs_run *run, pbs_codec codec, uint32_t tag, uint32_t count,
+                         const uint8_t *bytes, size_t n, uint8_t **out, size_t *size,
+                         pbs_err *err) {
     *out = NULL;
     *size = 0;
-    if (!n || !codec || !pbs_codec_fits(tag)) return PBS_OK;
-    pbs_code rc = codec == PBS_CODEC_ZSTD ? pack_bytes(run, bytes, n, out, size, err)
-                  : codec == PBS_CODEC_MESHOPT
-                      ? pack_arrays(run, tag, count, bytes, n, out, size, err)
-                      : pack_both(run, tag, count, bytes, n, out, size, err);
-    if (!rc && *size && *size <= n - n / 16) return PBS_OK;
-    pbs_free(run, *out);
+    return codec == PBS_CODEC_ZSTD      ? pack_bytes(run, bytes, n, out, size, err)
+           : codec == PBS_CODEC_MESHOPT ? pack_arrays(run, tag, count, bytes, n, out, size, err)
+                                        : pack_both(run, tag, count, bytes, n, out, size, err);
+}
+
+static pbs_code unpack_one(pbs_run *run, pbs_codec codec, uint32_t tag, uint32_t count,
+                           const uint8_t *bytes, size_t size, uint8_t *to, size_t n, pbs_err *err) {
+    if (codec == PBS_CODEC_ZSTD) return unpack_bytes(run, bytes, size, to, n, err);
+    return codec == PBS_CODEC_MESHOPT ? unpack_arrays(run, tag, count, bytes, size, to, n, err)
+                                      : unpack_both(run, tag, count, bytes, size, to, n, err);
+}
+
+/* ---- blocks: of each its packed size as u32, and then all of them ---- */
+
+static bool has_blocks(uint32_t tag) {
+    return tag != PBS_TAG_MESH && tag != PBS_TAG_VOXELS;
+}
+
+static uint32_t blocks_of(uint32_t records) {
+    return records / PBS_CODEC_BLOCK + !!(records % PBS_CODEC_BLOCK);
+}
+
+static uint32_t block_records(uint32_t count, uint32_t block) {
+    uint32_t left = count - block * PBS_CODEC_BLOCK;
+    return left < PBS_CODEC_BLOCK ? left : PBS_CODEC_BLOCK;
+}
+
+/* *size 0: they are not records, or packing makes them larger. */
+static pbs_code pack_blocks(pbs_run *run, pbs_codec codec, uint32_t tag, uint32_t count,
+                            const uint8_t *bytes, size_t n, uint8_t **out, size_t *size,
+                            pbs_err *err) {
     *out = NULL;
+    *size = 0;
+    if (!count || n % count) return PBS_OK;
+    uint32_t blocks = blocks_of(count);
+    size_t stride = n / count, at = 4 * (size_t)blocks, room = n + at;
+    pbs_code rc = pbs_alloc(run, out, room, 1, "a packed chunk", err);
+    for (uint32_t i = 0; i < blocks && !rc; i++) {
+        uint8_t *one;
+        size_t own;
+        uint32_t records = block_records(count, i);
+        rc = pack_one(run, codec, tag, records, bytes + i * stride * PBS_CODEC_BLOCK,
+                      records * stride, &one, &own, err);
+        bool fits = !rc && own && own <= room - at;
+        if (fits) {
+            pbs_put_u32(*out + 4 * (size_t)i, (uint32_t)own);
+            memcpy(*out + at, one, own);
+            at += own;
+        }
+        pbs_free(run, one);
+        if (!fits) return rc;
+    }
+    *size = at;
     return rc;
+}
+
+static pbs_code unpack_blocks(pbs_run *run, pbs_codec codec, uint32_t tag, uint32_t count,
+                              const uint8_t *bytes, size_t size, uint8_t *to, size_t n,
+                              uint32_t wanted, pbs_err *err) {
+    uint32_t blocks = blocks_of(count);
+    size_t at = 4 * (size_t)blocks, stride = count ? n / count : 0;
+    uint8_t *last = NULL;
+    if (!count || n % count || at > size) return damaged(err);
+    pbs_code rc = PBS_OK;
+    for (uint32_t i = 0; i < blocks_of(wanted) && !rc; i++) {
+        size_t own = pbs_get_u32(bytes + 4 * (size_t)i);
+        uint32_t records = block_records(count, i), left = wanted - i * PBS_CODEC_BLOCK;
+        if (own > size - at) rc = damaged(err);
+        if (!rc && left < records) rc = pbs_alloc(run, &last, records * stride, 1, "a prefix", err);
+        if (!rc)
+            rc = unpack_one(run, codec, tag, records, bytes + at, own, last ? last : to,
+                            records * stride, err);
+        if (!rc && last) memcpy(to, last, left * stride);
+        at += own;
+        to += records * stride;
+    }
+    pbs_free(run, last);
+    return rc || wanted < count || at == size ? rc : damaged(err);
+}
+
+pbs_code pbs_codec_prefix(pbs_run *run, pbs_codec codec, uint32_t tag, uint32_t count,
+                          const void *bytes, size_t size, void *to, size_t n, uint32_t records,
+                          pbs_err *err) {
+    if (!has_blocks(tag) || codec == PBS_CODEC_DRACO || records > count) return damaged(err);
+    return unpack_blocks(run, codec, tag, count, bytes, size, to, n, records, err);
+}
+
+/* ---- meshes, which are packed as whole numbers if they have a lattice ---- */
+
+/* *size 0: their numbers are not what they say. */
+static pbs_code pack_whole(pbs_run *run, pbs_codec codec, uint32_t count, const uint8_t *bytes,
+                           size_t n, pbs_packed *out, pbs_err *err) {
+    uint8_t *whole, *other = NULL;
+    size_t other_size = 0;
+    shape s;
+    if (!shape_of(PBS_TAG_MESH, count, n, bytes, n, &s)) return PBS_OK;
+    pbs_code rc = pbs_alloc(run, &whole, n, 1, "a chunk to be packed", err);
+    if (rc) return rc;
+    memcpy(whole, bytes, n);
+    bool draco = codec == PBS_CODEC_DRACO, good = pbs_mesh_to_whole(whole, n);
+    if (good && draco) rc = pbs_draco_pack(run, whole, n, &out->bytes, &out->size, &out->raw, err);
+    if (good && draco && !rc) codec = PBS_CODEC_MESHOPT_ZSTD;
+    if (good && !rc)
+        rc = pack_one(run, codec, PBS_TAG_MESH, count, whole, n, &other, &other_size, err);
+    if (out->bytes && other_size >= out->size) {
+        out->codec = PBS_CODEC_DRACO;
+        pbs_free(run, other);
+    } else {
+        pbs_free(run, out->bytes);
+        *out = (pbs_packed){other, other_size, n, codec};
+    }
+    pbs_free(run, whole);
+    return rc;
+}
+
+static bool on_lattice(uint32_t tag, const uint8_t *bytes, size_t n) {
+    return tag == PBS_TAG_MESH && n >= MESH_HEAD && pbs_mesh_has_lattice(bytes);
+}
+
+pbs_code pbs_codec_pack(pbs_run *run, pbs_codec codec, uint32_t tag, uint32_t count,
+                        const void *bytes, size_t n, pbs_packed *out, pbs_err *err) {
+    *out = (pbs_packed){.codec = codec, .raw = n};
+    if (!n || !codec || !pbs_codec_fits(tag)) return PBS_OK;
+    bool lattice = on_lattice(tag, bytes, n);
+    if (codec == PBS_CODEC_DRACO && !lattice) out->codec = codec = PBS_CODEC_MESHOPT_ZSTD;
+    pbs_code rc = lattice ? pack_whole(run, codec, count, bytes, n, out, err)
+                          : (has_blocks(tag) ? pack_blocks : pack_one)(
+                                run, codec, tag, count, bytes, n, &out->bytes, &out->size, err);
+    if (!rc && out->size && out->size <= n - n / 16) return PBS_OK;
+    pbs_free(run, out->bytes);
+    out->bytes = NULL;
+    return rc;
+}
+
+/* Arrays that are packed may become a little larger, and a frame's room is larger, too. */
+static size_t packing_memory(size_t n) {
+    size_t room = n + n / 8 + 65536;
+    return 2 * room + ZSTD_LEAST + (n < ZSTD_MOST / 14 ? 14 * n : ZSTD_MOST);
+}
+
+size_t pbs_codec_memory(pbs_codec codec, uint32_t tag, size_t n) {
+    size_t block = 256 * (size_t)PBS_CODEC_BLOCK; /* of records as large as they can be */
+    if (has_blocks(tag)) return n + n / 8 + packing_memory(n < block ? n : block);
+    size_t draco = codec == PBS_CODEC_DRACO && tag == PBS_TAG_MESH ? pbs_draco_memory(n) : 0;
+    return n + (draco > packing_memory(n) ? draco : packing_memory(n));
 }
 
 pbs_code pbs_codec_unpack(pbs_run *run, pbs_codec codec, uint32_t tag, uint32_t count,
                           const void *bytes, size_t size, void *to, size_t n, pbs_err *err) {
-    if (codec == PBS_CODEC_ZSTD) return unpack_bytes(run, bytes, size, to, n, err);
-    return codec == PBS_CODEC_MESHOPT ? unpack_arrays(run, tag, count, bytes, size, to, n, err)
-                                      : unpack_both(run, tag, count, bytes, size, to, n, err);
+    shape s;
+    if (has_blocks(tag)) {
+        if (codec == PBS_CODEC_DRACO) return damaged(err);
+        return unpack_blocks(run, codec, tag, count, bytes, size, to, n, count, err);
+    }
+    if (codec == PBS_CODEC_DRACO && tag != PBS_TAG_MESH) return damaged(err);
+    pbs_code rc = codec == PBS_CODEC_DRACO
+                      ? pbs_draco_unpack(run, bytes, size, to, n, err)
+                      : unpack_one(run, codec, tag, count, bytes, size, to, n, err);
+    if (rc || !on_lattice(tag, to, n)) return rc;
+    bool good = shape_of(tag, count, n, to, n, &s) && pbs_mesh_from_whole(to, n);
+    return good ? PBS_OK : damaged(err);
 }

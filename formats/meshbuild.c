@@ -1,12 +1,13 @@
 #include "formats/meshbuild.h"
+#include "formats/meshbits.h"
 #include "formats/wire.h"
 #include <stdlib.h>
 #include <string.h>
 
 /* Payload of a MESH chunk: u32 vertices, triangles, arrays, material; then, each if its bit is
- * set, position f32x3, normal i16x2, uv f32x2, colour u8x4 a vertex, material u32 a triangle; at
- * last index u16x3 a triangle. */
-enum { HEAD = 16, HAS_NORMAL = 1, HAS_UV = 2, HAS_COLOUR = 4, HAS_MATERIAL = 8, HAS_ALL = 15 };
+ * set, the lattice (meshbits.h), position f32x3, normal i16x2, uv f32x2, colour u8x4 a vertex,
+ * material u32 a triangle; at last index u16x3 a triangle. */
+enum { HEAD = 16, HAS_NORMAL = 1, HAS_UV = 2, HAS_COLOUR = 4, HAS_MATERIAL = 8, HAS_ALL = 31 };
 
 #define SLOTS (2u * PBS_MESH_VERTICES) /* of the hash table: half full at most */
 
@@ -337,6 +338,7 @@ size_t pbs_mesh_view(const void *payload, pbs_mesh *m) {
     uint32_t arrays = pbs_get_u32(start + 8);
     m->material = pbs_get_u32(start + 12);
     size_t v = m->vertices, t = m->triangles;
+    if (arrays & PBS_MESH_LATTICE) p += PBS_MESH_LATTICE_SIZE;
     m->position = (const float *)p, p += 12 * v;
     if (arrays & HAS_NORMAL) m->normal = (const int16_t *)p, p += 4 * v;
     if (arrays & HAS_UV) m->uv = (const float *)p, p += 8 * v;

@@ -17,6 +17,7 @@ static struct module {
     {"mend", "CGAL", NULL},
     {"zstd", "libzstd", NULL},
     {"meshopt", "meshoptimizer", NULL},
+    {"draco", "Draco", NULL},
 };
 static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
 

@@ -18,7 +18,7 @@ extern "C" {
  * refused and not called. */
 #define PBS_MODULE_ABI                                                                             \
     ((int)(1000000 + 10000 * sizeof(pbs_run) + 100 * sizeof(pbs_sink) + sizeof(pbs_err) +          \
-           sizeof(pbs_exr_part) + sizeof(pbs_mend_job)))
+           sizeof(pbs_exr_part) + sizeof(pbs_mend_job) + sizeof(pbs_draco_mesh)))
 
 /* gltf.so: simdjson, tinygltf, Draco and meshoptimizer. */
 typedef struct pbs_module_gltf {
@@ -127,6 +127,28 @@ typedef struct pbs_module_meshopt {
     /* False: it is damaged. */
     bool (*unpack)(void *to, size_t count, size_t stride, const void *from, size_t size);
 } pbs_module_meshopt;
+
+/* draco.so: Draco. A mesh of whole numbers, its arrays as those of a MESH chunk; NULL: it has none.
+ */
+typedef struct pbs_draco_mesh {
+    uint32_t vertices, triangles; /* at most 65536 and 131072 */
+    int32_t *position;            /* 3 a vertex */
+    int16_t *normal;              /* 2 */
+    int32_t *uv;                  /* 2 */
+    uint8_t *colour;              /* 4 */
+    uint16_t *index;              /* 3 a triangle, all < vertices */
+} pbs_draco_mesh;
+typedef struct pbs_module_draco {
+    int abi;
+    /* *out comes from pbs_alloc(run) and has *size bytes, 0 if the library does not take the mesh;
+     * *vertices of it come back. Vertices and triangles get another order. */
+    pbs_code (*pack)(pbs_run *run, const pbs_draco_mesh *mesh, uint8_t **out, size_t *size,
+                     uint32_t *vertices, pbs_err *err);
+    /* Into the caller's arrays, which have exactly that size. Errors: PBS_DATA if it is damaged or
+     * of another size; PBS_LIMIT. Thread-safe, as pack is. */
+    pbs_code (*unpack)(pbs_run *run, const pbs_draco_mesh *to, const void *from, size_t size,
+                       pbs_err *err);
+} pbs_module_draco;
 
 /* *table points to the module's table, for as long as the program runs. counted: bytes that
  * opening it costs, counted in run. Errors: PBS_IO, "module gltf: not installed ...", PBS_LIMIT. */

@@ -60,6 +60,10 @@ void pbs_pack_free(pbs_pack *p) {
     pbs_free(run, p);
 }
 
+void pbs_pack_mesh_bits(pbs_pack *p, unsigned bits) {
+    p->mesh_bits = bits;
+}
+
 /* ---- what a file is ---- */
 
 static bool begins(const pbs_input *in, size_t at, const char *with) {
@@ -442,6 +446,7 @@ static pbs_code prepare(pbs_pack *p, pbs_err *err) {
     if (!rc) rc = pack_same(p, err);
     for (size_t i = 0; i < p->entry_count && !rc; i++)
         if (pack_is_kept(p, i)) rc = pack_choose_lattice(p, &p->entries[i], err);
+    if (!rc) rc = pack_choose_steps(p, err);
     if (!rc) rc = add_root(p, err);
     if (!rc) rc = number_nodes(p, err);
     return rc ? rc : order_voxels(p, err);

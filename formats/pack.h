@@ -29,13 +29,13 @@
  *
  * What is promised. Records of surfels are quantised (quant.h); positions of a cloud are as
  * cloudpack.h says; vertices of meshes move by at most 2^-24 of their distance from the node's
- * origin; voxels lose their weights, and nothing else of an input is lost, but CNTS. Channels are
- * those of all inputs together, and what a record lacks is white, rough, not metallic, dark and
- * without a normal (PBS_NO_NORMAL; for voxels 0). Materials and textures are numbered anew, equal
- * ones once (of textures the pictures are compared, not the names), and textures that no triangle
- * shows are left out; materials whose textures do not come along name none. Nodes that are equal in
- * all that they say and hold and in their children are stored once. The bytes do not depend on the
- * number of threads, nor on the limit of memory.
+ * origin, or to their lattice; voxels lose their weights, and nothing else of an input is lost, but
+ * CNTS. Channels are those of all inputs together, and what a record lacks is white, rough, not
+ * metallic, dark and without a normal (PBS_NO_NORMAL; for voxels 0). Materials and textures are
+ * numbered anew, equal ones once (of textures the pictures are compared, not the names), and
+ * textures that no triangle shows are left out; materials whose textures do not come along name
+ * none. Nodes that are equal in all that they say and hold and in their children are stored once.
+ * The bytes do not depend on the number of threads, nor on the limit of memory.
  */
 #ifndef PBS_PACK_H
 #define PBS_PACK_H
@@ -51,6 +51,7 @@ typedef struct pbs_pack_stats {
     uint64_t scenes, matched;   /* inputs; those whose meshes went to other inputs' nodes */
     uint64_t homeless; /* triangles, of every instance, that are near no node with voxels */
     uint64_t flat;     /* and so small, or large, that a node's numbers leave nothing of them */
+    double mesh_bound; /* how far a corner of a mesh moves to its lattice; 0: there is none */
     uint64_t skipped[PBS_SKIP_KINDS]; /* what of scenes that were imported was no triangle */
     const char *scene;       /* name of the first scene, or NULL; until the pack is freed */
     double error, bound;     /* largest error of a surfel; what is promised */
@@ -65,6 +66,11 @@ typedef struct pbs_pack pbs_pack;
 
 pbs_code pbs_pack_new(pbs_run *run, pbs_pack **out, pbs_err *err);
 void pbs_pack_free(pbs_pack *p); /* NULL is fine */
+
+/* Meshes go on lattices (meshbits.h), with at most 2^bits steps along the longest side of a part,
+ * or of a chunk of cells; bits up to PBS_MESH_BITS_MOST, 0 (at first): they stay exact. Before
+ * pbs_pack_write. */
+void pbs_pack_mesh_bits(pbs_pack *p, unsigned bits);
 
 /* One more input, from a path or (NULL, "-") standard input. Scenes are imported, and text of
  * clouds is read; of streams all is read and checked but the values of meshes' vertices. Errors:

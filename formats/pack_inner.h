@@ -40,15 +40,17 @@ typedef struct pack_entry {
     uint32_t own;                  /* its number there, for messages */
     size_t first_chunk, end_chunk; /* its data is among these of the input's directory */
     bool has_points;
-    uint64_t octaves;        /* entries of them; 0: it has none */
-    pbs_voxel_survey voxels; /* voxels 0: it has none */
-    int mesh_input;          /* whose materials its meshes name, or PACK_NOWHERE */
-    pbs_reader *mesh_reader; /* where they are */
-    const pbs_chunk *mesh;   /* chunks among which they are, */
-    size_t mesh_count;       /* as many */
-    double shift[3];         /* added to their positions */
-    uint32_t same;           /* the entry that stands for it: itself, or an equal one */
-    uint32_t number;         /* in the archive, if it stands for itself */
+    uint64_t octaves;          /* entries of them; 0: it has none */
+    pbs_voxel_survey voxels;   /* voxels 0: it has none */
+    int mesh_input;            /* whose materials its meshes name, or PACK_NOWHERE */
+    pbs_reader *mesh_reader;   /* where they are */
+    const pbs_chunk *mesh;     /* chunks among which they are, */
+    size_t mesh_count;         /* as many */
+    double shift[3];           /* added to their positions */
+    const pbs_node *mesh_node; /* of the scene that they are from; NULL: of this node */
+    int mesh_exponent;         /* of their lattice's step, if there are lattices (meshbits.h) */
+    uint32_t same;             /* the entry that stands for it: itself, or an equal one */
+    uint32_t number;           /* in the archive, if it stands for itself */
 } pack_entry;
 
 /* What was stored before, by what its chunk says; known.h has the hash table. */
@@ -84,8 +86,9 @@ struct pbs_pack {
     size_t spool_count, spool_cap;
     uint8_t *payload; /* of a mesh that is changed */
     size_t payload_cap;
-    pbs_trim trim;   /* of the inputs' maps */
-    uint64_t others; /* chunks that this program does not know */
+    unsigned mesh_bits; /* 0: meshes stay exact */
+    pbs_trim trim;      /* of the inputs' maps */
+    uint64_t others;    /* chunks that this program does not know */
     pbs_writer *w;
     pbs_pack_stats stats;
 };
@@ -133,7 +136,8 @@ pbs_code pack_same(pbs_pack *p, pbs_err *err);
 /* pack_points.c: surfels of a node: its lattice, which must be known before all; and written. */
 pbs_code pack_choose_lattice(pbs_pack *p, pack_entry *e, pbs_err *err);
 pbs_code pack_write_points(pbs_pack *p, const pack_entry *e, pbs_err *err);
-/* pack_mesh.c: the meshes of a node. */
+/* pack_mesh.c: the meshes of a node; the steps of all lattices, before any is written. */
 uint64_t pack_mesh_chunks(const pack_entry *e);
+pbs_code pack_choose_steps(pbs_pack *p, pbs_err *err);
 pbs_code pack_write_meshes(pbs_pack *p, const pack_entry *e, pbs_err *err);
 #endif

@@ -50,6 +50,7 @@ static void give_meshes(pbs_pack *p, const pack_input *to, int scene) {
         if (from->entries[k].tag != PBS_TAG_NODE) continue;
         pack_entry *e = &p->entries[to->first_node + node];
         const double *origin = from->scene.nodes[node].origin;
+        e->mesh_node = &from->scene.nodes[node];
         e->mesh_input = scene;
         e->mesh_reader = from->reader;
         e->mesh = from->entries + first;

@@ -1,10 +1,24 @@
-/* writer.c: the container, written. */
+/* writer.c: the container, written. Chunks that go through a codec wait until there are enough of
+ * them for all threads, and are written in the order in which they came. */
 #include "formats/container.h"
 #include "formats/layout.h"
 #include "formats/wire.h"
+#include "libcore/pipe.h"
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+
+enum {
+    WAITING = 256,           /* chunks at most, */
+    WAITING_BYTES = 1 << 20, /* or so many bytes for each thread, if every thread has two of them */
+    WAITING_SHARE = 8        /* and never more than this part of the memory that is left */
+};
+
+typedef struct waiting {
+    pbs_chunk chunk;
+    uint8_t *payload; /* in one piece */
+    pbs_packed packed;
+} waiting;
 
 struct pbs_writer {
     pbs_run *run;
@@ -16,6 +30,8 @@ struct pbs_writer {
     uint64_t chunks, front, front_at;
     uint32_t chain;
     pbs_codec codec;
+    waiting *queue;                       /* WAITING of them; NULL: there is no codec */
+    size_t queued, queued_bytes, working; /* working: what packing the one that needs most takes */
 };
 
 const char *const pbs_kind_name[PBS_KINDS] = {"scene", "candidates", "surfels", "voxels",
@@ -108,6 +124,8 @@ pbs_code pbs_writer_open(pbs_run *run, const pbs_writer_desc *d, pbs_writer **ou
     w->codec = d->kind == PBS_ARCHIVE ? d->codec : PBS_CODEC_NONE;
     w->out.fd = w->target.fd = -1;
     pbs_code rc = open_output(w, d, err);
+    if (!rc && w->codec)
+        rc = pbs_alloc(run, &w->queue, WAITING, sizeof *w->queue, "chunks to be packed", err);
     if (!rc) rc = write_header(w, d, err);
     w->front_at = w->out.written;
     if (!rc && w->front) rc = put_zeros(w, directory_bytes(w->front), err);
@@ -179,43 +197,92 @@ static pbs_code join(pbs_run *run, const pbs_piece *piece, int pieces, uint64_t 
     return rc;
 }
 
-/* *packed: the payload to write instead of the pieces; NULL: they stay as they are. */
-static pbs_code pack(pbs_writer *w, pbs_chunk *c, const pbs_piece *piece, int pieces,
-                     uint8_t **packed, pbs_err *err) {
-    uint8_t *whole = NULL;
-    size_t size;
-    *packed = NULL;
-    c->codec = PBS_CODEC_NONE;
-    c->stored = c->bytes;
-    if (!w->codec || !c->bytes || c->bytes > PBS_PAYLOAD_MAX || !pbs_codec_fits(c->tag))
-        return PBS_OK;
-    pbs_code rc = join(w->run, piece, pieces, c->bytes, &whole, err);
-    if (!rc)
-        rc = pbs_codec_pack(w->run, w->codec, c->tag, c->count, whole, (size_t)c->bytes, packed,
-                            &size, err);
-    pbs_free(w->run, whole);
-    if (rc || !*packed) return rc;
-    c->codec = w->codec;
-    c->stored = size;
+/* ---- chunks that are packed ---- */
+
+static bool is_packed(const pbs_writer *w, const pbs_chunk *c) {
+    return w->codec && c->bytes && c->bytes <= PBS_PAYLOAD_MAX && pbs_codec_fits(c->tag);
+}
+
+/* As pbs_parallel's. */
+static pbs_code pack(void *ctx, size_t i, int thread, pbs_err *err) {
+    pbs_writer *w = ctx;
+    waiting *q = &w->queue[i];
+    pbs_chunk *c = &q->chunk;
+    (void)thread;
+    pbs_code rc = pbs_codec_pack(w->run, w->codec, c->tag, c->count, q->payload, (size_t)c->bytes,
+                                 &q->packed, err);
+    if (rc) return rc;
+    if (q->packed.bytes) {
+        pbs_free(w->run, q->payload);
+        q->payload = NULL;
+        c->codec = q->packed.codec;
+        c->stored = q->packed.size;
+        c->bytes = q->packed.raw;
+    }
+    c->crc = pbs_crc32c(0, q->payload ? q->payload : q->packed.bytes, (size_t)c->stored);
     return PBS_OK;
+}
+
+static void drop_queue(pbs_writer *w) {
+    for (size_t i = 0; i < w->queued; i++) {
+        pbs_free(w->run, w->queue[i].payload);
+        pbs_free(w->run, w->queue[i].packed.bytes);
+    }
+    w->queued = w->queued_bytes = w->working = 0;
+}
+
+/* One after the other if memory is too little for several: what it does then, it does on one
+ * thread, too. */
+static pbs_code flush_queue(pbs_writer *w, pbs_err *err) {
+    size_t threads = w->queued < (size_t)w->run->threads ? w->queued : (size_t)w->run->threads;
+    bool several = threads > 1 && w->working <= pbs_mem_left(w->run) / threads;
+    pbs_code rc = several ? pbs_parallel(w->run, w->queued, pack, w, err) : PBS_OK;
+    for (size_t i = 0; i < w->queued && !rc; i++) {
+        waiting *q = &w->queue[i];
+        if (!several) rc = pack(w, i, 0, err);
+        pbs_piece piece = {q->payload ? q->payload : q->packed.bytes, (size_t)q->chunk.stored};
+        if (!rc) rc = put_chunk(w, &q->chunk, &piece, 1, err);
+        pbs_free(w->run, q->payload);
+        pbs_free(w->run, q->packed.bytes);
+        q->payload = q->packed.bytes = NULL;
+    }
+    drop_queue(w);
+    return rc;
+}
+
+static bool is_full(const pbs_writer *w) {
+    size_t threads = (size_t)w->run->threads;
+    return threads == 1 || w->queued == WAITING ||
+           (w->queued >= 2 * threads && w->queued_bytes >= WAITING_BYTES * threads);
+}
+
+static pbs_code queue_chunk(pbs_writer *w, const pbs_chunk *c, const pbs_piece *piece, int pieces,
+                            pbs_err *err) {
+    pbs_code rc = PBS_OK;
+    if (w->queued_bytes + c->bytes > pbs_mem_left(w->run) / WAITING_SHARE) rc = flush_queue(w, err);
+    waiting *q = &w->queue[w->queued];
+    *q = (waiting){.chunk = *c};
+    if (!rc) rc = join(w->run, piece, pieces, c->bytes, &q->payload, err);
+    if (rc) return rc;
+    size_t working = pbs_codec_memory(w->codec, c->tag, (size_t)c->bytes);
+    if (working > w->working) w->working = working;
+    w->queued++;
+    w->queued_bytes += c->bytes;
+    return is_full(w) ? flush_queue(w, err) : PBS_OK;
 }
 
 pbs_code pbs_writer_chunk(pbs_writer *w, const pbs_chunk *chunk, const pbs_piece *piece, int pieces,
                           pbs_err *err) {
     pbs_chunk c = *chunk;
     c.bytes = c.crc = 0;
-    for (int i = 0; i < pieces; i++) {
-        c.bytes += piece[i].size;
-    }
-    uint8_t *packed;
-    pbs_code rc = pack(w, &c, piece, pieces, &packed, err);
-    pbs_piece one = {packed, (size_t)c.stored};
-    if (packed) piece = &one, pieces = 1;
+    c.codec = PBS_CODEC_NONE;
+    for (int i = 0; i < pieces; i++) c.bytes += piece[i].size;
+    c.stored = c.bytes;
+    if (is_packed(w, &c)) return queue_chunk(w, &c, piece, pieces, err);
+    pbs_code rc = flush_queue(w, err);
     for (int i = 0; i < pieces && !rc; i++)
         c.crc = pbs_crc32c(c.crc, piece[i].bytes, piece[i].size);
-    if (!rc) rc = put_chunk(w, &c, piece, pieces, err);
-    pbs_free(w->run, packed);
-    return rc;
+    return rc ? rc : put_chunk(w, &c, piece, pieces, err);
 }
 
 pbs_code pbs_writer_pass(pbs_writer *w, const pbs_chunk *chunk, pbs_err *err) {
@@ -267,8 +334,9 @@ static pbs_code write_directory(pbs_writer *w, pbs_err *err) {
 }
 
 static pbs_code finish(pbs_writer *w, pbs_err *err) {
+    pbs_code rc = flush_queue(w, err);
     uint64_t dir = w->front ? w->front_at : w->out.written;
-    pbs_code rc = write_directory(w, err);
+    if (!rc) rc = write_directory(w, err);
     if (rc) return rc;
     uint8_t f[FOOTER_FIXED] = {0};
     pbs_put_u64(f + FOOTER_DIR_AT, dir);
@@ -316,6 +384,8 @@ void pbs_writer_close(pbs_writer *w) {
     if (!w) return;
     pbs_output_close(&w->out);
     if (w->piped) pbs_output_close(&w->target);
+    drop_queue(w);
+    pbs_free(w->run, w->queue);
     pbs_free(w->run, w->dir);
     free(w);
 }

@@ -26,24 +26,25 @@ typedef struct sum {
 static void one(pbs_archive *a, pbs_codec codec, const pbs_fetched *f, int repeat, sum *s) {
     const pbs_chunk *c = &f->chunk;
     pbs_err err;
-    uint8_t *packed, *to;
-    size_t size, n = (size_t)c->bytes;
+    pbs_packed p;
+    uint8_t *to;
+    size_t n = (size_t)c->bytes;
     double t = cpu();
-    must(pbs_codec_pack(a->run, codec, c->tag, c->count, c->payload, n, &packed, &size, &err),
-         &err);
+    must(pbs_codec_pack(a->run, codec, c->tag, c->count, c->payload, n, &p, &err), &err);
     s->pack += cpu() - t;
     s->raw += n;
-    s->stored += packed ? size : n;
-    must(pbs_alloc(a->run, &to, n, 1, "bench", &err), &err);
+    s->stored += p.bytes ? p.size : n;
+    must(pbs_alloc(a->run, &to, p.raw, 1, "bench", &err), &err);
     double best = 1e9;
-    for (int i = 0; i < repeat && packed; i++) {
+    for (int i = 0; i < repeat && p.bytes; i++) {
         t = cpu();
-        must(pbs_codec_unpack(a->run, codec, c->tag, c->count, packed, size, to, n, &err), &err);
+        must(pbs_codec_unpack(a->run, p.codec, c->tag, c->count, p.bytes, p.size, to, p.raw, &err),
+             &err);
         if (cpu() - t < best) best = cpu() - t;
-        if (memcmp(to, c->payload, n)) exit(1);
+        if (p.codec != PBS_CODEC_DRACO && memcmp(to, c->payload, n)) exit(1);
     }
-    s->unpack += packed ? best : 0;
-    pbs_free(a->run, packed);
+    s->unpack += p.bytes ? best : 0;
+    pbs_free(a->run, p.bytes);
     pbs_free(a->run, to);
 }
 

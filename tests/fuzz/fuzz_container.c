@@ -7,6 +7,7 @@
  */
 #include "formats/archive.h"
 #include "tests/unit/support.h"
+#include "tests/unit/latticed.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 
@@ -125,7 +126,8 @@ static int write_seeds(const char *folder) {
     for (int k = 0; k < SMALL_KINDS; k++)
         ok = write_seed(folder, "small", k, small_file(&run, k)) && ok;
     for (int c = 1; c < PBS_CODECS; c++)
-        ok = write_seed(folder, "packed", c, small_mixed(&run, (pbs_codec)c)) && ok;
+        ok = write_seed(folder, "packed", c, small_mixed(&run, (pbs_codec)c)) &&
+             write_seed(folder, "latticed", c, small_latticed(&run, (pbs_codec)c)) && ok;
     return !ok;
 }
 
