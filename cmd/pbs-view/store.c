@@ -15,13 +15,19 @@ enum { QUEUE = 256, NONE = UINT32_MAX, LEAST_BLOCK = 1 << 20 };
 
 typedef enum state { ABSENT, READY, RESIDENT, FAILED } state;
 
+typedef struct place {
+    uint32_t block; /* NONE: it has none */
+    uint64_t at, size;
+} place;
+
 typedef struct item {
     uint8_t state;
     bool refused;   /* there was no room, when so many items had been let go: */
-    uint32_t block; /* of its place, NONE: it has none */
+    uint32_t parts; /* their places are found in their order: without the first none has one */
     uint64_t refused_at;
-    uint64_t at, done; /* its place; bytes of it that are uploaded */
-    uint64_t used;     /* frame that needed it last */
+    place one, *many;
+    uint64_t done; /* bytes of it that are uploaded */
+    uint64_t used; /* frame that needed it last */
     pbs_blob blob;
 } item;
 
@@ -106,14 +112,22 @@ static void *loader(void *ctx) {
 
 /* ---- the GPU's memory ---- */
 
+static place *places_of(item *i) {
+    return i->many ? i->many : &i->one;
+}
+
 static pbs_code release(pbs_store *s, uint32_t id, pbs_err *err) {
     item *i = &s->items[id];
-    if (i->block == NONE) return PBS_OK;
-    pbs_code rc = pbs_rooms_give(s->run, &s->blocks[i->block].rooms, i->at, s->desc.bytes[id], err);
-    if (rc) return rc;
-    i->block = NONE;
+    place *p = places_of(i);
+    if (p->block == NONE) return PBS_OK;
+    for (uint32_t k = i->parts; k-- > 0;) {
+        if (p[k].block == NONE) continue;
+        pbs_code rc = pbs_rooms_give(s->run, &s->blocks[p[k].block].rooms, p[k].at, p[k].size, err);
+        if (rc) return rc;
+        p[k].block = NONE;
+        s->stats.resident -= p[k].size;
+    }
     i->done = 0;
-    s->stats.resident -= s->desc.bytes[id];
     s->let_go++;
     return PBS_OK;
 }
@@ -137,10 +151,10 @@ static void drop_empty_blocks(pbs_store *s) {
     }
 }
 
-static bool find_room(pbs_store *s, uint64_t size, item *i) {
+static bool find_room(pbs_store *s, uint64_t size, place *p) {
     for (size_t k = 0; k < s->block_count; k++)
-        if (s->blocks[k].rooms.size && pbs_rooms_take(&s->blocks[k].rooms, size, &i->at)) {
-            i->block = (uint32_t)k;
+        if (s->blocks[k].rooms.size && pbs_rooms_take(&s->blocks[k].rooms, size, &p->at)) {
+            p->block = (uint32_t)k;
             return true;
         }
     return false;
@@ -179,11 +193,11 @@ static int by_use(const void *a, const void *b) {
 }
 
 /* Lets go what no need of this frame names, what was unused for longest first, until `size` bytes
- * are free in one place. *found: they are, and i has it. */
-static pbs_code evict(pbs_store *s, uint64_t size, item *i, bool *found, pbs_err *err) {
+ * are free in one place. *found: they are, and p is it. */
+static pbs_code evict(pbs_store *s, uint64_t size, place *p, bool *found, pbs_err *err) {
     size_t n = 0;
     for (uint32_t k = 0; k < s->desc.items; k++)
-        if (s->items[k].block != NONE && s->items[k].used < s->frame)
+        if (places_of(&s->items[k])->block != NONE && s->items[k].used < s->frame)
             s->victims[n++] = (victim){s->items[k].used, k};
     if (n) qsort(s->victims, n, sizeof *s->victims, by_use);
     for (size_t k = 0; k < n && !*found; k++) {
@@ -194,25 +208,23 @@ static pbs_code evict(pbs_store *s, uint64_t size, item *i, bool *found, pbs_err
         s->stats.evicted += old->state == RESIDENT;
         if (old->state == RESIDENT) old->state = ABSENT;
         s->resident[id] = 0;
-        *found = find_room(s, size, i);
+        *found = find_room(s, size, p);
     }
     return PBS_OK;
 }
 
-/* A place for the item: where one is free; in a new buffer; in the place of others. */
-static pbs_code place(pbs_store *s, uint32_t id, bool *found, pbs_err *err) {
-    item *i = &s->items[id];
-    uint64_t size = (s->desc.bytes[id] + PBS_ROOM_ALIGN - 1) & ~(uint64_t)(PBS_ROOM_ALIGN - 1);
+/* A place for a part: where one is free; in a new buffer; in the place of others. */
+static pbs_code settle(pbs_store *s, item *i, place *p, bool *found, pbs_err *err) {
+    uint64_t size = (p->size + PBS_ROOM_ALIGN - 1) & ~(uint64_t)(PBS_ROOM_ALIGN - 1);
     pbs_code rc = PBS_OK;
-    *found = find_room(s, size, i);
+    *found = p->block != NONE || find_room(s, size, p);
     for (int again = 0; again < 2 && !*found && !rc; again++) {
         bool made;
         rc = add_block(s, size, &made, err);
-        if (!rc && made) *found = find_room(s, size, i);
-        if (!rc && !*found && !again) rc = evict(s, size, i, found, err);
+        if (!rc && made) *found = find_room(s, size, p);
+        if (!rc && !*found && !again) rc = evict(s, size, p, found, err);
         if (!*found && !again) drop_empty_blocks(s);
     }
-    if (*found) s->stats.resident += s->desc.bytes[id];
     i->refused = !*found;
     i->refused_at = s->let_go;
     return rc;
@@ -269,25 +281,40 @@ static size_t mark(pbs_store *s, const pbs_cut_need *needs, size_t count) {
     return n;
 }
 
-static pbs_code upload(pbs_store *s, uint32_t id, uint64_t *left, pbs_err *err) {
-    item *i = &s->items[id];
-    uint64_t size = s->desc.bytes[id];
-    bool found = i->block != NONE;
-    pbs_code rc = found ? PBS_OK : place(s, id, &found, err);
-    if (rc || !found) {
-        /* What finds no room makes way for what is behind it. */
-        free_blob(s, i);
-        i->state = ABSENT;
-        return rc;
-    }
-    uint64_t some = size - i->done < *left ? size - i->done : *left;
-    s->gpu.fill(s->gpu.ctx, s->blocks[i->block].buffer, i->at + i->done, i->blob.bytes + i->done,
-                some);
+/* As much of a part, which begins at byte `from` of the item, as may be uploaded now. */
+static void fill_part(pbs_store *s, item *i, const place *p, uint64_t from, uint64_t *left) {
+    uint64_t at = i->done - from, some = p->size - at < *left ? p->size - at : *left;
+    s->gpu.fill(s->gpu.ctx, s->blocks[p->block].buffer, p->at + at, i->blob.bytes + i->done, some);
     i->done += some;
     *left -= some;
     s->stats.uploaded += some;
     s->stats.uploaded_last += some;
-    if (i->done < size) return PBS_OK;
+}
+
+/* What finds no room makes way for what is behind it. Rooms that its own first parts had are no
+ * reason for others that found none to come again. */
+static pbs_code give_up(pbs_store *s, uint32_t id, pbs_err *err) {
+    uint64_t let_go = s->let_go;
+    free_blob(s, &s->items[id]);
+    s->items[id].state = ABSENT;
+    pbs_code rc = release(s, id, err);
+    s->let_go = let_go;
+    return rc;
+}
+
+static pbs_code upload(pbs_store *s, uint32_t id, uint64_t *left, pbs_err *err) {
+    item *i = &s->items[id];
+    place *p = places_of(i);
+    uint64_t from = 0;
+    for (uint32_t k = 0; k < i->parts && *left; from += p[k++].size) {
+        bool there = p[k].block != NONE, found;
+        if (i->done >= from + p[k].size) continue;
+        pbs_code rc = settle(s, i, &p[k], &found, err);
+        if (rc || !found) return rc ? rc : give_up(s, id, err);
+        if (!there) s->stats.resident += p[k].size;
+        fill_part(s, i, &p[k], from, left);
+    }
+    if (i->done < s->desc.bytes[id]) return PBS_OK;
     i->state = RESIDENT;
     s->resident[id] = 1;
     free_blob(s, i);
@@ -363,6 +390,29 @@ void pbs_store_wait(pbs_store *s, double seconds) {
 
 /* ---- from beginning to end ---- */
 
+/* An item that is larger than a buffer; without parts that fit it fails. */
+static pbs_code divide(pbs_store *s, uint32_t id, pbs_err *err) {
+    uint64_t most = s->desc.largest, sum = 0, size;
+    item *i = &s->items[id];
+    i->parts = 0;
+    while (s->source.part && (size = s->source.part(s->source.ctx, id, i->parts)) && size <= most)
+        i->parts++, sum += size;
+    if (sum == s->desc.bytes[id]) {
+        pbs_code rc = pbs_alloc(s->run, &i->many, i->parts, sizeof *i->many,
+                                "the table of what is loaded", err);
+        for (uint32_t k = 0; k < i->parts && !rc; k++)
+            i->many[k] = (place){.block = NONE, .size = s->source.part(s->source.ctx, id, k)};
+        return rc;
+    }
+    i->state = FAILED;
+    if (!s->stats.failed++)
+        (void)pbs_fail(&s->trouble, PBS_LIMIT,
+                       "a node of %llu bytes: the device draws up to %llu from one buffer, and it "
+                       "cannot be divided so far",
+                       (unsigned long long)s->desc.bytes[id], (unsigned long long)most);
+    return PBS_OK;
+}
+
 static pbs_code build(pbs_store *s, pbs_err *err) {
     const char *what = "the table of what is loaded";
     size_t n = s->desc.items;
@@ -371,16 +421,11 @@ static pbs_code build(pbs_store *s, pbs_err *err) {
     if (!rc) rc = pbs_alloc(s->run, &s->victims, n, sizeof *s->victims, what, err);
     if (rc) return rc;
     memset(s->resident, 0, n);
-    for (size_t i = 0; i < n; i++) s->items[i] = (item){.block = NONE};
     for (size_t i = 0; i < n; i++)
-        if (s->desc.bytes[i] > s->desc.largest) {
-            s->items[i].state = FAILED;
-            if (!s->stats.failed++)
-                (void)pbs_fail(&s->trouble, PBS_LIMIT,
-                               "a node of %llu bytes: the device draws up to %llu from one buffer",
-                               (unsigned long long)s->desc.bytes[i],
-                               (unsigned long long)s->desc.largest);
-        }
+        s->items[i] = (item){.parts = 1, .one = {.block = NONE, .size = s->desc.bytes[i]}};
+    for (uint32_t i = 0; i < n && !rc; i++)
+        if (s->desc.bytes[i] > s->desc.largest) rc = divide(s, i, err);
+    if (rc) return rc;
     if (s->desc.threaded && pthread_create(&s->thread, NULL, loader, s))
         return pbs_fail(err, PBS_LIMIT, "no thread to load with");
     s->running = s->desc.threaded;
@@ -433,7 +478,10 @@ void pbs_store_free(pbs_store *s, bool buffers) {
     if (!s) return;
     end_thread(s);
     for (uint32_t i = 0; i < s->done_count; i++) pbs_free(s->run, s->done[i].blob.bytes);
-    for (size_t i = 0; s->items && i < s->desc.items; i++) pbs_free(s->run, s->items[i].blob.bytes);
+    for (size_t i = 0; s->items && i < s->desc.items; i++) {
+        pbs_free(s->run, s->items[i].blob.bytes);
+        pbs_free(s->run, s->items[i].many);
+    }
     for (size_t i = 0; i < s->block_count; i++) {
         if (buffers && s->blocks[i].rooms.size) s->gpu.drop(s->gpu.ctx, s->blocks[i].buffer);
         pbs_rooms_free(s->run, &s->blocks[i].rooms);
@@ -452,9 +500,9 @@ const uint8_t *pbs_store_resident(const pbs_store *s) {
     return s->resident;
 }
 
-pbs_region pbs_store_where(const pbs_store *s, uint32_t id) {
-    const item *i = &s->items[id];
-    return (pbs_region){s->blocks[i->block].buffer, i->at, s->desc.bytes[id]};
+pbs_region pbs_store_where(const pbs_store *s, uint32_t id, uint32_t k) {
+    const place *p = places_of(&s->items[id]) + k;
+    return (pbs_region){s->blocks[p->block].buffer, p->at, p->size};
 }
 
 pbs_store_stats pbs_store_measure(const pbs_store *s) {

@@ -1,5 +1,6 @@
 # The report: a page with its tables, made on with after it was stopped, and a recommendation that
 # keeps its error.
+# once: one thread draws; threads and memory of the other programs have cases of their own
 need_gl
 unset PBS_MEMORY # the module for pictures needs more than a little
 scene sphere.obj sphere n=40
