@@ -8,10 +8,11 @@ layout(std430, binding = 2) readonly buffer Numbers { uint number[]; };
 #endif
 
 uniform uvec2 extent;
+uniform int from; // its first column on the canvas
 out vec4 colour;
 
 void main() {
-    uint p = uint(gl_FragCoord.y) * extent.x + uint(gl_FragCoord.x);
+    uint p = uint(gl_FragCoord.y) * extent.x + uint(int(gl_FragCoord.x) - from);
 #ifdef WIDE
     uvec2 won = pixel[p];
 #else

@@ -374,7 +374,8 @@ static pbs_code visit_voxels(pbs_cut *c, const task *t, pbs_err *err) {
     pbs_cut_draw d = {.kind = PBS_CUT_VOXELS, .depth = depth_of(c, t)};
     pbs_code rc = need(c, PBS_ITEM_OWN(t->node), t->level, d.depth, &there, err);
     if (rc || !there) return rc;
-    if (n->lattice > 2 * wanted_of(c, t, d.depth)) {
+    double size = pbs_eyes_size(&c->eyes, c->view->size, &n->box, t->m);
+    if (!pbs_cut_fine(&c->view->camera, c->view->height, d.depth, size, n->lattice, t->m)) {
         bool finer = has_finer_voxels(c, n);
         if (finer && c->view->occlusion && pbs_hidden_has(&c->hidden, t->key))
             d.kind = PBS_CUT_PROBE;
@@ -429,7 +430,7 @@ static void start(pbs_cut *c, const pbs_cut_view *view) {
     if (view->eyes)
         c->eyes = *view->eyes;
     else
-        pbs_eyes_of(&c->eyes, &view->camera, view->width, view->height, 0, NULL, NULL);
+        pbs_eyes_of(&c->eyes, &view->camera, view->width, view->height, 0, 0, NULL, NULL);
     c->record = &c->records[++c->number % RECORDS];
     c->record->number = 0;
     c->record->entry_count = c->record->refined_count = 0;
@@ -505,9 +506,4 @@ pbs_code pbs_cut_feedback(pbs_cut *c, uint64_t frame, const uint32_t *seen, size
         if (f->drawn && !f->seen && !f->open) rc = pbs_hidden_add(c->run, &c->hidden, f->key, err);
     }
     return rc;
-}
-
-void pbs_cut_forget(pbs_cut *c) {
-    pbs_hidden_clear(&c->hidden);
-    for (int i = 0; i < RECORDS; i++) c->records[i].number = 0;
 }

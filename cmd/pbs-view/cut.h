@@ -123,7 +123,4 @@ pbs_code pbs_cut_next(pbs_cut *cut, const pbs_cut_view *view, pbs_cut_frame *out
  * older than the one before the last are ignored; so is what comes twice. */
 pbs_code pbs_cut_feedback(pbs_cut *cut, uint64_t frame, const uint32_t *visible, size_t count,
                           pbs_err *err);
-
-/* Forgets what was hidden. */
-void pbs_cut_forget(pbs_cut *cut);
 #endif

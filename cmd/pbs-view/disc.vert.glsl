@@ -6,7 +6,7 @@ layout(std430, binding = 0) readonly buffer Records { uint word[]; };
 
 // Looks of the surfels: normal, colour, material, emissive. Those of the octave that is too fine
 // (first word, stride) and, of the first of them, those of the one that is too coarse (count), of
-// which `blend` is taken.
+// which `blend` is taken. w of that: surfels of the node before the first one here.
 layout(std140, binding = 0) uniform Node {
     vec4 to_view[3];           // lattice to view, rows
     vec4 disc_to_view[3];      // disc's radius in the node to view
@@ -75,7 +75,7 @@ void main() {
     // Beyond the paper: the prefix is that of the node's nearest point. A surfel farther away whose
     // spacing is within the radius that is wanted there is covered by those before it, as large.
     float far = max(1.0, node.wanted * -c.z);
-    if (node.wanted > 0.0 && i > 0u && far > 1.0) {
+    if (node.wanted > 0.0 && i + node.coarse.w > 0u && far > 1.0) {
         float spacing = node.unit * unpackHalf2x16(word[w + 1u]).y;
         if (spacing + node.slack <= far) {
             lit = vec3(0);

@@ -45,13 +45,10 @@ static void free_target(const pbs_gl *gl, target *t) {
     gl->DeleteRenderbuffers(1, &t->depth);
 }
 
-static pbs_code check_size(pbs_canvas *c, const pbs_canvas_desc *desc, pbs_err *err) {
+static pbs_code check_size(pbs_canvas *c, uint32_t width, uint32_t height, pbs_err *err) {
     uint32_t largest = (uint32_t)c->gl->max_texture;
-    int most = c->gl->max_samples < 4 ? c->gl->max_samples : 4;
-    c->width = desc->width ? desc->width : 1024;
-    c->height = desc->height ? desc->height : 1024;
-    c->samples = desc->samples > 0 && desc->samples < most ? desc->samples : most;
-    if (c->samples < 1) c->samples = 1;
+    c->width = width ? width : 1024;
+    c->height = height ? height : 1024;
     if (c->width > largest || c->height > largest)
         return pbs_fail(err, PBS_LIMIT, "picture of %u x %u pixels: %s draws up to %u x %u",
                         c->width, c->height, c->gl->device, largest, largest);
@@ -62,11 +59,19 @@ static pbs_code check_size(pbs_canvas *c, const pbs_canvas_desc *desc, pbs_err *
     return code;
 }
 
-static pbs_code build(pbs_canvas *c, const pbs_canvas_desc *desc, pbs_err *err) {
-    pbs_code code = check_size(c, desc, err);
-    if (!code) code = build_programs(c, err);
+static pbs_code build_targets(pbs_canvas *c, uint32_t width, uint32_t height, pbs_err *err) {
+    pbs_code code = check_size(c, width, height, err);
     if (!code) code = build_target(c, &c->draw, c->samples, true, err);
     if (!code && c->samples > 1) code = build_target(c, &c->resolved, 1, false, err);
+    return code;
+}
+
+static pbs_code build(pbs_canvas *c, const pbs_canvas_desc *desc, pbs_err *err) {
+    int most = c->gl->max_samples < 4 ? c->gl->max_samples : 4;
+    c->samples = desc->samples > 0 && desc->samples < most ? desc->samples : most;
+    if (c->samples < 1) c->samples = 1;
+    pbs_code code = build_targets(c, desc->width, desc->height, err);
+    if (!code) code = build_programs(c, err);
     if (code) return code;
     c->gl->CreateBuffers(1, &c->stream);
     pbs_mesh_painter_init(c);
@@ -107,17 +112,27 @@ void pbs_canvas_free(pbs_canvas *c) {
     pbs_free(c->run, c);
 }
 
+pbs_code pbs_canvas_resize(pbs_canvas *c, uint32_t width, uint32_t height, pbs_err *err) {
+    if (c->draw.frame && c->width == width && c->height == height) return PBS_OK;
+    free_target(c->gl, &c->draw);
+    free_target(c->gl, &c->resolved);
+    c->draw = c->resolved = (target){0};
+    pbs_mem_give(c->run, c->counted);
+    c->counted = 0;
+    return build_targets(c, width, height, err);
+}
+
 pbs_code pbs_canvas_begin(pbs_canvas *c, const pbs_frame *frame, pbs_err *err) {
     static const uint8_t light_grey[4] = {238, 240, 242, 255};
     const uint8_t *background = frame->background[3] ? frame->background : light_grey;
     const pbs_gl *gl = c->gl;
     float clear[4] = {0}, farthest = 0;
     for (int k = 0; k < 3; k++) clear[k] = pbs_srgb_to_linear(background[k] / 255.0f);
-    c->camera = frame->camera;
-    c->aspect = (double)c->width / c->height;
+    c->begun = frame->camera;
+    c->frames++;
     c->calls = 0;
     gl->BindFramebuffer(GL_FRAMEBUFFER, c->draw.frame);
-    gl->Viewport(0, 0, (GLsizei)c->width, (GLsizei)c->height);
+    pbs_canvas_look(c, &frame->camera, (pbs_columns){0, c->width, 0, c->width});
     /* The top row first in memory, and depth from 1 at the near plane to 0 at infinity. */
     gl->ClipControl(GL_UPPER_LEFT, GL_ZERO_TO_ONE);
     gl->DepthFunc(GL_GREATER);
@@ -140,10 +155,22 @@ const pbs_gl *pbs_canvas_gl(const pbs_canvas *c) {
     return c->gl;
 }
 
-void pbs_canvas_look(pbs_canvas *c, const pbs_camera *camera, uint32_t left, uint32_t width) {
+void pbs_canvas_window(const pbs_canvas *c) {
+    pbs_columns k = c->columns;
+    GLsizei h = (GLsizei)c->height;
+    c->gl->Viewport(k.from, 0, (GLsizei)k.wide, h);
+    c->gl->Scissor((GLint)k.left, 0, (GLsizei)k.width, h);
+    if (k.width < c->width)
+        c->gl->Enable(GL_SCISSOR_TEST);
+    else
+        c->gl->Disable(GL_SCISSOR_TEST);
+}
+
+void pbs_canvas_look(pbs_canvas *c, const pbs_camera *camera, pbs_columns columns) {
     c->camera = *camera;
-    c->aspect = (double)width / c->height;
-    c->gl->Viewport((GLint)left, 0, (GLsizei)width, (GLsizei)c->height);
+    c->columns = columns;
+    c->aspect = (double)columns.wide / c->height;
+    pbs_canvas_window(c);
 }
 
 void pbs_canvas_view_uniforms(const pbs_canvas *c, GLuint program) {

@@ -16,6 +16,7 @@
 
 #include "cmd/pbs-view/camera.h"
 #include "cmd/pbs-view/gl.h"
+#include "cmd/pbs-view/part.h"
 #include "libcore/mesh.h"
 #include "libcore/record.h"
 #include "libcore/run.h"
@@ -34,6 +35,10 @@ pbs_code pbs_canvas_new(pbs_run *run, const pbs_gl *gl, const pbs_canvas_desc *d
                         pbs_canvas **out, pbs_err *err);
 void pbs_canvas_free(pbs_canvas *canvas); /* NULL is fine */
 
+/* Another size, 0: 1024; programs and what lies in the device's memory stay. What is in the picture
+ * is lost. Errors: as pbs_canvas_new; nothing can be drawn then. */
+pbs_code pbs_canvas_resize(pbs_canvas *canvas, uint32_t width, uint32_t height, pbs_err *err);
+
 typedef struct pbs_frame {
     pbs_camera camera;
     uint8_t background[4]; /* sRGB; alpha 0: the default, a light grey */
@@ -42,8 +47,15 @@ typedef struct pbs_frame {
 /* Clears the canvas. */
 pbs_code pbs_canvas_begin(pbs_canvas *canvas, const pbs_frame *frame, pbs_err *err);
 
-/* What follows is seen by this camera, in these columns of the canvas only: one of two eyes. */
-void pbs_canvas_look(pbs_canvas *canvas, const pbs_camera *camera, uint32_t left, uint32_t width);
+/* What follows is seen by this camera, in the columns left .. left + width - 1 of the canvas only:
+ * one of two eyes. The camera's own picture, whose middle it looks at, has the columns from ..
+ * from + wide - 1, of which these are a part; some may be outside of the canvas. */
+typedef struct pbs_columns {
+    uint32_t left, width;
+    int32_t from;
+    uint32_t wide;
+} pbs_columns;
+void pbs_canvas_look(pbs_canvas *canvas, const pbs_camera *camera, pbs_columns columns);
 
 /* A prefix of a node's surfels, packed as in the archive (little-endian, fields in this order):
  *
@@ -61,6 +73,7 @@ typedef struct pbs_surfels {
     uint32_t channels;   /* PBS_NORMAL, ... (record.h); without normals discs face the eye */
     uint32_t prefix;     /* surfels drawn */
     uint32_t whole;      /* surfels of the node, where it has octaves */
+    pbs_part part;       /* all 0: the whole node lies there */
     const void *octaves; /* in the host's memory: of colours and so on (libcore/average.h,
                             formats/octaves.h): entries without position and spacing, coarse first;
                             NULL: every surfel is shown as itself. A prefix is shown between the two
@@ -92,6 +105,9 @@ typedef struct pbs_cubes {
     int32_t face, faces; /* likewise: where a voxel's faces begin in the list of their attributes */
     uint32_t face_count; /* of the list */
     bool face_colours;   /* it has colours u8x4, else numbers of materials */
+    GLuint faces_buffer; /* that the list is in, with `faces` from `faces_at` on; 0: in `buffer` */
+    uint64_t faces_at;
+    bool again;               /* more voxels of the node before, which lies in several buffers */
     const pbs_voxels *chunks; /* in the host's memory: the voxels, in any number of parts */
     size_t chunk_count;
     double corner[3], side; /* of cell 0, 0, 0; of a cell; node's unit */

@@ -13,7 +13,7 @@
 typedef struct node_params {
     float to_view[3][4], disc[3][4], normal[3][4];
     uint32_t first, stride, fine, fine_stride; /* words */
-    uint32_t coarse, coarse_stride, coarse_count, pad;
+    uint32_t coarse, coarse_stride, coarse_count, before;
     int32_t fine_field[4], coarse_field[4];
     float blend, wanted, unit, slack;
 } node_params;
@@ -84,17 +84,19 @@ typedef struct looks {
 static looks octave_of(const pbs_surfels *node, uint64_t octaves, int octave) {
     uint32_t size = (pbs_surfel_size(node->channels) - 8) / 4;
     if (!octaves || !octave || octave > pbs_octaves(node->whole)) return (looks){0, 0, 0};
-    uint64_t at = octaves / 4 + pbs_octave_begin(node->whole, octave) * size;
-    return (looks){(uint32_t)at, size, (uint32_t)pbs_octave_length(node->whole, octave)};
+    uint64_t at = octaves / 4 + pbs_part_octave_begin(node->part, node->whole, octave) * size;
+    return (looks){(uint32_t)at, size,
+                   (uint32_t)pbs_part_octave_length(node->part, node->whole, octave)};
 }
 
 /* at, octaves: bytes in the buffer. */
 static void fill(const pbs_canvas *c, const pbs_surfels *node, uint64_t at, uint64_t octaves,
                  node_params *p) {
     uint32_t stride = node->stride ? node->stride : pbs_surfel_size(node->channels);
-    int k = octaves ? pbs_octave_of(node->whole, node->prefix) : 0;
+    uint32_t prefix = node->part.here ? node->part.prefix : node->prefix;
+    int k = octaves ? pbs_octave_of(node->whole, prefix) : 0;
     looks fine = octave_of(node, octaves, k), coarse = octave_of(node, octaves, k + 1);
-    double between = coarse.stride ? log2((double)node->whole / node->prefix) / 2 - k : 0;
+    double between = coarse.stride ? log2((double)node->whole / prefix) / 2 - k : 0;
     place_node(c, node, p);
     p->first = (uint32_t)(at / 4);
     p->stride = stride / 4;
@@ -103,6 +105,7 @@ static void fill(const pbs_canvas *c, const pbs_surfels *node, uint64_t at, uint
     p->coarse = coarse.first;
     p->coarse_stride = coarse.stride;
     p->coarse_count = coarse.count;
+    p->before = node->part.before;
     p->blend = (float)fmin(1, fmax(0, between));
     set_fields(p->fine_field, node->channels, fine.stride != 0);
     set_fields(p->coarse_field, node->channels, true);

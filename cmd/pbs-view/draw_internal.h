@@ -77,7 +77,10 @@ struct pbs_canvas {
     size_t counted; /* bytes taken with pbs_mem_take */
     target draw, resolved;
     pbs_camera camera;
-    double aspect;
+    pbs_camera begun; /* that of pbs_canvas_begin, between the eyes */
+    uint64_t frames;  /* begun so far */
+    pbs_columns columns;
+    double aspect; /* of `wide` columns */
     GLuint stream; /* the host's records go through it */
     batch batch;
     disc_painter disc;
@@ -124,6 +127,8 @@ void pbs_canvas_undress(const pbs_canvas *c);
 pbs_code pbs_canvas_stream(pbs_canvas *c, const void *const *piece, const size_t *size, int pieces,
                            pbs_err *err);
 
+/* Viewport and scissor of the columns that are drawn. */
+void pbs_canvas_window(const pbs_canvas *c);
 /* Makes the program current and sets what the camera determines. */
 void pbs_canvas_view_uniforms(const pbs_canvas *c, GLuint program);
 /* Three rows of `columns` numbers each, times scale. */

@@ -113,16 +113,19 @@ static void fill(const pbs_canvas *c, const pbs_cubes *n, uint64_t done, uint32_
     p->look[2] = behind(n->material, at);
     p->look[3] = behind(n->emissive, at);
     p->face = behind(n->face_count ? n->face : -1, at);
-    p->faces = behind(n->faces, n->at / 4);
+    p->faces = behind(n->faces, (n->faces_buffer ? n->faces_at : n->at) / 4);
     p->face_count = n->face_count;
     p->face_colours = n->face_colours;
     p->number = number;
 }
 
-static void draw_part(pbs_canvas *c, size_t i, GLuint buffer, uint32_t voxels, uint32_t instances) {
+static void draw_part(pbs_canvas *c, size_t i, const pbs_cubes *node, uint32_t voxels,
+                      uint32_t instances) {
+    GLuint faces = node->faces_buffer ? node->faces_buffer : node->buffer;
     if (!voxels || !instances) return;
     pbs_batch_use(c, i);
-    c->gl->BindBufferBase(GL_SHADER_STORAGE_BUFFER, 0, buffer);
+    c->gl->BindBufferBase(GL_SHADER_STORAGE_BUFFER, 0, node->buffer);
+    c->gl->BindBufferBase(GL_SHADER_STORAGE_BUFFER, 1, faces);
     c->gl->DrawElementsInstanced(GL_TRIANGLES, (GLsizei)(voxels * INDICES), GL_UNSIGNED_SHORT, NULL,
                                  (GLsizei)instances);
     c->calls++;
@@ -134,14 +137,14 @@ static pbs_code draw_resident(pbs_canvas *c, const pbs_cubes *nodes, size_t coun
     pbs_code rc = pbs_batch_begin(c, 2 * count, err);
     if (rc) return rc;
     for (size_t i = 0; i < count; i++) {
-        uint32_t n = number + (uint32_t)i;
-        fill(c, &nodes[i], 0, n, pbs_batch_block(c, 2 * i));
-        fill(c, &nodes[i], nodes[i].count / BATCH * BATCH, n, pbs_batch_block(c, 2 * i + 1));
+        if (i && !nodes[i].again) number++;
+        fill(c, &nodes[i], 0, number, pbs_batch_block(c, 2 * i));
+        fill(c, &nodes[i], nodes[i].count / BATCH * BATCH, number, pbs_batch_block(c, 2 * i + 1));
     }
     pbs_batch_send(c, 2 * count);
     for (size_t i = 0; i < count; i++) {
-        draw_part(c, 2 * i, nodes[i].buffer, BATCH, nodes[i].count / BATCH);
-        draw_part(c, 2 * i + 1, nodes[i].buffer, nodes[i].count % BATCH, 1);
+        draw_part(c, 2 * i, &nodes[i], BATCH, nodes[i].count / BATCH);
+        draw_part(c, 2 * i + 1, &nodes[i], nodes[i].count % BATCH, 1);
     }
     return PBS_OK;
 }
@@ -226,11 +229,13 @@ pbs_code pbs_canvas_voxels(pbs_canvas *c, const pbs_cubes *nodes, size_t count,
     gl->Uniform1ui(noted ? c->voxel.note_batch : c->voxel.batch, BATCH);
     gl->BindVertexArray(c->voxel.array);
     if (mode->probes) write_to(gl, false);
+    uint32_t number = mode->first;
     for (size_t i = 0, n; i < count && !rc; i += n) {
         for (n = 0; i + n < count && nodes[i + n].buffer;) n++;
         rc = pbs_run_check(c->run, err);
-        if (!rc && n) rc = draw_resident(c, nodes + i, n, mode->first + (uint32_t)i, err);
-        if (!rc && !n) rc = draw_streamed(c, nodes + i, mode->first + (uint32_t)i, err), n = 1;
+        if (!rc && n) rc = draw_resident(c, nodes + i, n, number, err);
+        if (!rc && !n) rc = draw_streamed(c, nodes + i, number, err), n = 1;
+        for (size_t k = i + 1; k <= i + n && k < count; k++) number += !nodes[k].again;
     }
     if (mode->probes) write_to(gl, true);
     return rc ? rc : pbs_gl_check(gl, "voxels", err);

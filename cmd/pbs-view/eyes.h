@@ -15,16 +15,19 @@ typedef struct pbs_eyes {
     int count; /* 1 or 2 */
     pbs_camera camera[2];
     uint32_t left[2], width, height; /* columns of the picture; equal sizes */
-    double aspect;                   /* of one eye's part */
-    const pbs_zones *zones;          /* NULL: none */
-    double gaze[3];                  /* in each eye's view coordinates */
+    int32_t from[2];        /* where each camera's own picture begins, of which its columns are a */
+    uint32_t wide;          /* part, and its columns: the frusta are off the axis */
+    double aspect;          /* of that */
+    const pbs_zones *zones; /* NULL: none */
+    double gaze[2][3];      /* in each eye's view coordinates */
 } pbs_eyes;
 
-/* separation: distance of the eyes, world unit; 0: one eye with the whole picture. The axes of two
- * are parallel; each has half of the columns, the left eye the left ones. gaze: shares of each
- * eye's part from its left upper corner; looked at with zones only. */
+/* separation: distance of the eyes, world unit; 0: one eye with the whole picture. Each of two has
+ * half of the columns, the left eye the left ones. Their axes are parallel; what is as far away as
+ * focus, world unit, is at the same place in both parts, to half a pixel; 0: that is at infinity.
+ * gaze: shares of each eye's part from its left upper corner; looked at with zones only. */
 void pbs_eyes_of(pbs_eyes *out, const pbs_camera *camera, uint32_t width, uint32_t height,
-                 double separation, const pbs_zones *zones, const double gaze[2]);
+                 double separation, double focus, const pbs_zones *zones, const double gaze[2]);
 
 /* As pbs_cut_visible: either eye sees it. */
 bool pbs_eyes_see(const pbs_eyes *eyes, const pbs_box *box, double padding, const double m[12]);

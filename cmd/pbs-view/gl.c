@@ -91,8 +91,8 @@ static bool has(const char *list, const char *word) {
 }
 
 bool pbs_gl_debug(void) {
-    const char *wish = getenv("PBS_GL_DEBUG");
-    return wish && *wish;
+    const char *value = getenv("PBS_GL_DEBUG");
+    return value && *value;
 }
 
 /* robust: a device that is reset says so, and calls do nothing then, instead of ending the

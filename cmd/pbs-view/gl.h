@@ -67,7 +67,7 @@
     F(CreateShader) F(DeleteShader) F(ShaderSource) F(CompileShader) F(GetShaderiv) \
     F(GetShaderInfoLog) F(CreateProgram) F(DeleteProgram) F(AttachShader) F(DetachShader) \
     F(LinkProgram) F(GetProgramiv) F(GetProgramInfoLog) F(UseProgram) F(GetUniformLocation) \
-    F(Uniform1i) F(Uniform1ui) F(Uniform1f) F(Uniform2f) F(Uniform3f) F(Uniform4f) F(Uniform2fv) \
+    F(Uniform1i) F(Uniform2i) F(Uniform1ui) F(Uniform1f) F(Uniform2f) F(Uniform3f) F(Uniform4f) F(Uniform2fv) \
     F(Uniform3fv) F(Uniform4fv) F(Uniform2ui) F(Uniform3ui) F(Uniform4i) F(Uniform4ui) F(UniformMatrix3fv) \
     F(UniformMatrix4fv) F(UniformMatrix3x2fv) F(UniformMatrix3x4fv) F(UniformMatrix4x3fv) \
     /* queries and fences */ \

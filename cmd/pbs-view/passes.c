@@ -6,7 +6,8 @@ struct pbs_passes {
     pbs_splat *splat;
     pbs_reduce *reduce;
     pbs_camera begun; /* of the pass that runs */
-    bool running;
+    uint64_t stepped; /* frame of the last step */
+    bool running, again;
 };
 
 void pbs_passes_free(pbs_canvas *c) {
@@ -42,18 +43,19 @@ pbs_code pbs_passes_splat_count(pbs_canvas *c, pbs_splat_counts *out, pbs_err *e
 pbs_code pbs_passes_points(pbs_canvas *c, const pbs_resident *nodes, size_t count,
                            const pbs_reduce_options *options, bool wait, bool *again,
                            pbs_err *err) {
-    *again = false;
     pbs_code rc = begin(c, err);
     struct pbs_passes *r = c->passes;
     if (!rc && !r->reduce) rc = pbs_reduce_new(c->run, c->gl, 0, &r->reduce, err);
-    for (bool whole = false; !rc;) {
-        if (!r->running) r->begun = c->camera;
-        rc = pbs_reduce_step(r->reduce, &c->camera, c->aspect, nodes, count, options, &whole, err);
+    /* The second eye's picture is drawn of what there is for both. */
+    for (bool whole = false; !rc && r->stepped != c->frames;) {
+        if (!r->running) r->begun = c->begun;
+        rc = pbs_reduce_step(r->reduce, &c->begun, c->aspect, nodes, count, options, &whole, err);
         r->running = !whole;
-        *again = !whole || memcmp(&r->begun, &c->camera, sizeof c->camera);
-        if (!wait || !*again) break;
-        rc = pbs_run_check(c->run, err);
+        r->again = !whole || memcmp(&r->begun, &c->begun, sizeof c->begun);
+        if (!wait || !r->again) r->stepped = c->frames;
+        if (!rc) rc = pbs_run_check(c->run, err);
     }
+    *again = !rc && r->again;
     return rc ? rc : pbs_reduce_draw(r->reduce, c, options, err);
 }
 

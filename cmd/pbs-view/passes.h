@@ -12,8 +12,10 @@ pbs_code pbs_passes_splat(pbs_canvas *canvas, const pbs_resident *nodes, size_t 
 /* Of the last one; waits for the device. */
 pbs_code pbs_passes_splat_count(pbs_canvas *canvas, pbs_splat_counts *out, pbs_err *err);
 
-/* Points of the nodes' prefixes, whatever the radius. wait: until they are those for this
- * frame's camera, else *again says whether the caller should come again although nothing moves. */
+/* Points of the nodes' prefixes, whatever the radius. A pass has the camera that the canvas was
+ * begun with and is made once for two eyes (paper 3, section 3.3.1): the first call after a begin
+ * goes on with it. wait: until they are those for this frame's camera, else *again says whether the
+ * caller should come again although nothing moves. */
 pbs_code pbs_passes_points(pbs_canvas *canvas, const pbs_resident *nodes, size_t count,
                            const pbs_reduce_options *options, bool wait, bool *again, pbs_err *err);
 /* Points that the last pass has kept; waits for the device. */

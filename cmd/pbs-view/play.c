@@ -26,19 +26,28 @@ static pbs_code parse_gaze(pbs_play *p, const char *text, pbs_err *err) {
     return pbs_fail(err, PBS_USAGE, "--gaze: %s: must be mouse, or X,Y from 0,0 to 1,1", text);
 }
 
+/* A length of the scene's unit, or with % a share. */
+static bool length(const char **p, double *v, bool *share) {
+    if (!number(p, v) || *v < 0) return false;
+    *share = **p == '%';
+    if (*share) *v /= 100, ++*p;
+    return true;
+}
+
 static pbs_code parse_stereo(pbs_play *p, const char *text, pbs_err *err) {
     const char *rest = text;
     p->separation = 1.0 / 30;
-    p->separation_is_share = true;
+    p->focus = 1;
+    p->separation_is_share = p->focus_is_share = true;
     if (!text) return PBS_OK;
     p->stereo_on = true;
-    bool good = number(&rest, &p->separation) && p->separation > 0;
-    p->separation_is_share = good && *rest == '%';
-    if (p->separation_is_share) p->separation /= 100, rest++;
+    bool good = length(&rest, &p->separation, &p->separation_is_share) && p->separation > 0;
+    if (good && *rest == ',') rest++, good = length(&rest, &p->focus, &p->focus_is_share);
     if (good && !*rest) return PBS_OK;
     return pbs_fail(err, PBS_USAGE,
                     "--stereo: %s: must be a distance above 0 in the scene's unit, or with %% a "
-                    "share of the target's distance",
+                    "share of the target's distance; and after a comma that at which the eyes' "
+                    "views meet",
                     text);
 }
 
@@ -112,6 +121,7 @@ pbs_show_view pbs_play_view(const pbs_play *p, const pbs_camera *camera, uint32_
                            .height = height,
                            .surfel_size = p->control.size,
                            .separation = p->stereo_on ? apart : 0,
+                           .focus = p->focus * (p->focus_is_share ? camera->unit : 1),
                            .zones = p->zones_on ? &p->zones : NULL,
                            .gaze = {p->gaze[0], p->gaze[1]},
                            .time = p->moment};
@@ -130,9 +140,9 @@ pbs_code pbs_play_pick(pbs_show *show, pbs_canvas *canvas, const pbs_show_view *
     if (!(x >= 0 && y >= 0 && x < v->width && y < v->height)) return PBS_OK;
     pbs_code rc = pbs_canvas_depth(canvas, (uint32_t)x, (uint32_t)y, &depth, err);
     if (rc || !(depth > 0)) return rc;
-    pbs_eyes_of(&eyes, &v->camera, v->width, v->height, v->separation, NULL, v->gaze);
+    pbs_eyes_of(&eyes, &v->camera, v->width, v->height, v->separation, v->focus, NULL, v->gaze);
     int i = eyes.count == 2 && x >= eyes.left[1];
-    pbs_pick_point(point, &eyes.camera[i], eyes.aspect, (x - eyes.left[i]) / eyes.width,
+    pbs_pick_point(point, &eyes.camera[i], eyes.aspect, (x - eyes.from[i]) / eyes.wide,
                    y / eyes.height, depth);
     /* Discs stand out of their part's box by their radius, which may be more than a pixel. */
     double pixel = pbs_camera_pixel(&v->camera, v->height) * depth * v->camera.unit;

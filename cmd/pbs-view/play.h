@@ -22,8 +22,8 @@ typedef struct pbs_play {
     pbs_zones zones;
     double gaze[2];
     bool gaze_is_mouse;
-    double separation; /* world unit, or a share of the target's distance */
-    bool separation_is_share;
+    double separation, focus; /* world unit, or shares of the target's distance */
+    bool separation_is_share, focus_is_share;
     bool zones_on, stereo_on;
     pbs_control control;
     double moment; /* of the animations; NaN: everything rests */

@@ -80,14 +80,16 @@ static pbs_code start(pbs_player *p, const pbs_canvas *canvas, pbs_err *err) {
     const pbs_archive *a = p->archive;
     uint64_t left = pbs_mem_left(p->run);
     p->gl = pbs_canvas_gl(canvas);
+    p->source.largest =
+        least(p->desc.buffer ? p->desc.buffer : LARGEST, (uint64_t)p->gl->max_storage);
     pbs_store_desc d = {.bytes = p->source.bytes,
                         .gpu = p->desc.gpu ? p->desc.gpu : GPU_DEFAULT,
-                        .largest = least(LARGEST, (uint64_t)p->gl->max_storage),
+                        .largest = p->source.largest,
                         .upload = p->desc.upload ? p->desc.upload : UPLOAD_DEFAULT,
                         .host = least(left / 4, HOST_MOST),
                         .threaded = true};
     if (p->gl->software) d.gpu = least(d.gpu, left / 2);
-    pbs_store_source source = {&p->source, pbs_source_load};
+    pbs_store_source source = {&p->source, pbs_source_load, pbs_source_part};
     pbs_store_gpu gpu = {.ctx = p, .make = make_buffer, .fill = fill_buffer, .drop = drop_buffer};
     pbs_player_textures(p, &d, &gpu);
     pbs_code rc = pbs_store_new(p->run, &d, &source, &gpu, &p->store, err);
@@ -156,37 +158,57 @@ pbs_code pbs_player_settle(pbs_player *p, pbs_canvas *canvas, const pbs_cut_view
     return rc;
 }
 
-static void describe_voxels(const pbs_player *p, const pbs_cut_draw *d, pbs_cubes *out) {
+/* Part k of a node's voxels. */
+static void describe_voxels(const pbs_player *p, const pbs_cut_draw *d, uint32_t k,
+                            pbs_cubes *out) {
     const pbs_source *s = &p->source;
     const pbs_node *node = &p->archive->nodes[d->node];
-    pbs_region r = pbs_store_where(p->store, PBS_ITEM_OWN(d->node));
+    uint32_t each = pbs_source_each(s, d->node), item = PBS_ITEM_OWN(d->node);
+    uint64_t left = node->records - (uint64_t)each * k;
+    pbs_region r = pbs_store_where(p->store, item, k);
     *out = (pbs_cubes){.buffer = r.buffer,
                        .at = r.at,
-                       .count = (uint32_t)node->records,
-                       .place = pbs_source_voxels(s, d->node, PBS_POSITION),
-                       .normal = pbs_source_voxels(s, d->node, PBS_NORMAL),
-                       .colour = pbs_source_voxels(s, d->node, PBS_COLOUR),
-                       .material = pbs_source_voxels(s, d->node, PBS_MATERIAL),
-                       .emissive = pbs_source_voxels(s, d->node, PBS_EMISSIVE),
-                       .face = pbs_source_voxels(s, d->node, PBS_FACE),
-                       .faces = pbs_source_voxels(s, d->node, 0),
+                       .count = (uint32_t)(left < each ? left : each),
+                       .place = pbs_source_voxels(s, d->node, k, PBS_POSITION),
+                       .normal = pbs_source_voxels(s, d->node, k, PBS_NORMAL),
+                       .colour = pbs_source_voxels(s, d->node, k, PBS_COLOUR),
+                       .material = pbs_source_voxels(s, d->node, k, PBS_MATERIAL),
+                       .emissive = pbs_source_voxels(s, d->node, k, PBS_EMISSIVE),
+                       .face = pbs_source_voxels(s, d->node, k, PBS_FACE),
+                       .faces = pbs_source_voxels(s, d->node, k, 0),
                        .face_colours = s->face_colours[d->node],
+                       .again = k != 0,
                        .side = node->lattice};
-    if (out->faces >= 0) out->face_count = (uint32_t)(r.size / 4) - (uint32_t)out->faces;
+    if (out->faces >= 0) {
+        r = pbs_store_where(p->store, item, pbs_source_faces(s, d->node));
+        out->faces_buffer = r.buffer;
+        out->faces_at = r.at;
+        out->face_count = (uint32_t)(r.size / 4) - (uint32_t)out->faces;
+    }
     memcpy(out->corner, node->origin, sizeof out->corner);
     memcpy(out->m, d->m, sizeof out->m);
+}
+
+static pbs_code list_voxels(pbs_player *p, const pbs_cut_draw *d, size_t *n, pbs_err *err) {
+    uint64_t records = p->archive->nodes[d->node].records;
+    uint32_t each = pbs_source_each(&p->source, d->node);
+    for (uint32_t k = 0; !k || (uint64_t)each * k < records; k++) {
+        pbs_code rc = pbs_grow(p->run, &p->cubes, &p->cube_cap, *n + 1, sizeof *p->cubes,
+                               "the list of what is drawn", err);
+        if (rc) return rc;
+        describe_voxels(p, d, k, &p->cubes[(*n)++]);
+    }
+    if (d->kind == PBS_CUT_VOXELS) p->voxels += records;
+    return PBS_OK;
 }
 
 static pbs_code draw_voxels(pbs_player *p, pbs_canvas *canvas, pbs_cut_kind kind, bool noted,
                             pbs_err *err) {
     const pbs_cut_frame *f = &p->frame;
-    size_t first = f->first[kind], n = f->first[kind + 1] - first;
-    pbs_code rc = pbs_grow(p->run, &p->cubes, &p->cube_cap, n, sizeof *p->cubes,
-                           "the list of what is drawn", err);
-    if (rc) return rc;
-    for (size_t i = 0; i < n; i++) {
-        describe_voxels(p, &f->draws[first + i], &p->cubes[i]);
-        if (kind == PBS_CUT_VOXELS) p->voxels += p->cubes[i].count;
+    size_t first = f->first[kind], count = f->first[kind + 1] - first, n = 0;
+    for (size_t i = 0; i < count; i++) {
+        pbs_code rc = list_voxels(p, &f->draws[first + i], &n, err);
+        if (rc) return rc;
     }
     pbs_voxel_mode mode = {.frame = noted ? f->number : 0,
                            .first = (uint32_t)first,

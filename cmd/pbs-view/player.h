@@ -16,6 +16,7 @@ typedef struct pbs_player_desc {
     uint64_t gpu;    /* bytes of the GPU's memory; 0: 1 GiB. Of a software renderer, whose memory is
                         the host's, at most half of what -m leaves */
     uint64_t upload; /* bytes a frame; 0: 16 MiB */
+    uint64_t buffer; /* bytes of a buffer at most; 0: 128 MiB, or what the device has */
     int splat;       /* PBS_SPLAT_OFF, ... */
     int points;      /* PBS_POINTS_CUT, ... */
     bool still; /* of one picture: points are those of its camera, and what is seen is counted */

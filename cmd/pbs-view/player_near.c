@@ -142,7 +142,7 @@ static void set_look(const pbs_player *p, uint32_t look, pbs_placed_mesh *t) {
     pbs_source_look(&p->source, t->look, item);
     for (int i = 0; i < 3; i++)
         if (item[i] != PBS_NONE && pbs_store_resident(p->store)[item[i]])
-            t->texture[i] = pbs_store_where(p->store, item[i]).buffer;
+            t->texture[i] = pbs_store_where(p->store, item[i], 0).buffer;
 }
 
 static int64_t behind(int64_t array, uint64_t at) {
@@ -151,7 +151,7 @@ static int64_t behind(int64_t array, uint64_t at) {
 
 static void place(const pbs_player *p, const pbs_cut_draw *d, const pbs_mesh_part *m,
                   pbs_placed_mesh *t) {
-    pbs_region r = pbs_store_where(p->store, PBS_ITEM_MESH(d->node));
+    pbs_region r = pbs_store_where(p->store, PBS_ITEM_MESH(d->node), m->part);
     *t = (pbs_placed_mesh){.buffer = r.buffer,
                            .first = m->first,
                            .count = m->triangles,

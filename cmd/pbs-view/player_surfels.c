@@ -2,24 +2,29 @@
  * single ones. */
 #include "cmd/pbs-view/player.h"
 
+/* Part k of a node's surfels: those of the first `prefix` of it. */
 static void describe(const pbs_player *p, const pbs_cut_draw *d, const pbs_cut_view *view,
-                     pbs_surfels *out) {
+                     uint32_t k, uint32_t prefix, pbs_surfels *out) {
     const pbs_node *node = &p->archive->nodes[d->node];
-    pbs_region r = pbs_store_where(p->store, PBS_ITEM_OWN(d->node));
-    uint64_t octaves = pbs_source_octaves(&p->source, d->node);
+    pbs_region r = pbs_store_where(p->store, PBS_ITEM_OWN(d->node), k);
+    uint64_t octaves = pbs_source_octaves(&p->source, d->node, k);
+    uint32_t each = pbs_source_each(&p->source, d->node), before = each * k;
     bool per_point = p->desc.per_point && !view->prefix && !(node->flags & PBS_NODE_ADDS);
     *out = (pbs_surfels){.buffer = r.buffer,
                          .at = r.at,
                          .octave = octaves ? r.at + octaves : 0,
                          .stride = p->archive->record.stride,
                          .channels = p->archive->record.channels,
-                         .prefix = d->prefix,
+                         .prefix = prefix - before < each ? prefix - before : each,
                          .whole = (uint32_t)node->records,
                          .radius = d->radius,
                          .step = node->lattice,
                          .size = per_point ? view->size : 0,
                          .slack = p->source.profile[d->node]->slack};
-    for (int k = 0; k < 3; k++) out->corner[k] = node->origin[k] + node->lattice_min[k];
+    if (each < node->records) out->part = (pbs_part){before, each, prefix};
+    if (each < node->records && node->records - before < each)
+        out->part.here = (uint32_t)node->records - before;
+    for (int i = 0; i < 3; i++) out->corner[i] = node->origin[i] + node->lattice_min[i];
     memcpy(out->m, d->m, sizeof out->m);
 }
 
@@ -32,6 +37,7 @@ static pbs_resident resident_of(const pbs_surfels *s, uint64_t key) {
                       .channels = s->channels,
                       .prefix = s->prefix,
                       .whole = s->whole,
+                      .part = s->part,
                       .radius = s->radius,
                       .step = s->step};
     memcpy(r.corner, s->corner, sizeof r.corner);
@@ -39,28 +45,37 @@ static pbs_resident resident_of(const pbs_surfels *s, uint64_t key) {
     return r;
 }
 
+static pbs_code list_parts(pbs_player *p, const pbs_cut_draw *d, const pbs_cut_view *view,
+                           uint32_t prefix, size_t *count, pbs_err *err) {
+    uint32_t each = pbs_source_each(&p->source, d->node);
+    pbs_code rc = PBS_OK;
+    for (uint32_t k = 0; !rc && (uint64_t)each * k < prefix; k++) {
+        rc = pbs_grow(p->run, &p->surfels, &p->surfel_cap, *count + 1, sizeof *p->surfels,
+                      "the list of what is drawn", err);
+        if (!rc)
+            rc = pbs_grow(p->run, &p->residents, &p->resident_cap, *count + 1, sizeof *p->residents,
+                          "the list of what is drawn", err);
+        if (rc) break;
+        pbs_surfels *s = &p->surfels[*count];
+        describe(p, d, view, k, prefix, s);
+        p->residents[(*count)++] = resident_of(s, d->key);
+    }
+    return rc;
+}
+
 /* Surfels or, with clouds, points that a pass chooses from: all of each node's. */
 static pbs_code list(pbs_player *p, const pbs_cut_view *view, bool clouds, size_t *count,
                      pbs_err *err) {
     const pbs_cut_frame *f = &p->frame;
-    size_t first = f->first[PBS_CUT_SURFELS], n = f->first[PBS_CUT_SURFELS + 1] - first;
-    pbs_code rc = pbs_grow(p->run, &p->surfels, &p->surfel_cap, n, sizeof *p->surfels,
-                           "the list of what is drawn", err);
-    if (!rc)
-        rc = pbs_grow(p->run, &p->residents, &p->resident_cap, n, sizeof *p->residents,
-                      "the list of what is drawn", err);
+    pbs_code rc = PBS_OK;
     *count = 0;
-    for (size_t i = 0; i < n && !rc; i++) {
-        const pbs_cut_draw *d = &f->draws[first + i];
-        bool cloud = p->desc.points && p->archive->nodes[d->node].flags & PBS_NODE_ADDS;
+    for (size_t i = f->first[PBS_CUT_SURFELS]; i < f->first[PBS_CUT_SURFELS + 1] && !rc; i++) {
+        const pbs_cut_draw *d = &f->draws[i];
+        const pbs_node *node = &p->archive->nodes[d->node];
+        bool cloud = p->desc.points && node->flags & PBS_NODE_ADDS;
         if (cloud != clouds) continue;
-        pbs_surfels *s = &p->surfels[*count];
-        describe(p, d, view, s);
-        if (clouds) {
-            p->replaced += s->prefix;
-            s->prefix = s->whole;
-        }
-        p->residents[(*count)++] = resident_of(s, d->key);
+        if (clouds) p->replaced += d->prefix;
+        rc = list_parts(p, d, view, clouds ? (uint32_t)node->records : d->prefix, count, err);
     }
     return rc;
 }

@@ -167,7 +167,7 @@ static pbs_code add_slice(pbs_reduce *r, const pbs_resident *node, const pbs_res
     if (rc) return rc;
     const double *m = memcmp(node->m, unset, sizeof unset) ? node->m : PBS_IDENTITY;
     slice *s = &r->slices[r->slice_count];
-    *s = (slice){.records = {w->first + first * w->stride, w->stride, n, first},
+    *s = (slice){.records = {w->first + first * w->stride, w->stride, n, node->part.before + first},
                  .field = {w->field[0], w->field[1], 0, (int32_t)seed_of(node->key)}};
     s->unit[0] = (float)(65535 * node->step * pbs_lod_stretch(m) / camera->unit);
     pbs_resident_place(node, camera, s->to_view, disc, s->normal);
@@ -185,7 +185,7 @@ static pbs_code choose(pbs_reduce *r, const pbs_resident *nodes, size_t count, u
     *all = true;
     for (size_t i = 0; i < count; i++) {
         pbs_resident_words w;
-        uint32_t done = pbs_numbers_get(&r->done, nodes[i].key);
+        uint32_t done = pbs_numbers_get(&r->done, pbs_resident_key(&nodes[i]));
         if (done == (uint32_t)PBS_NUMBERS_NONE) done = 0;
         if (nodes[i].buffer != buffer || i == 0)
             bytes = pbs_resident_bytes(r->gl, buffer = nodes[i].buffer);
@@ -196,7 +196,9 @@ static pbs_code choose(pbs_reduce *r, const pbs_resident *nodes, size_t count, u
         if (n < w.count - done) *all = false;
         if (!n) return PBS_OK;
         rc = add_slice(r, &nodes[i], &w, done, (uint32_t)n, err);
-        if (!rc) rc = pbs_numbers_put(r->run, &r->done, nodes[i].key, done + (uint32_t)n, err);
+        if (!rc)
+            rc = pbs_numbers_put(r->run, &r->done, pbs_resident_key(&nodes[i]), done + (uint32_t)n,
+                                 err);
         if (rc) return rc;
         taken += n;
     }
@@ -329,7 +331,8 @@ static void use_points(const pbs_reduce *r, GLuint p, const pbs_canvas *c,
     gl->Uniform1f(gl->GetUniformLocation(p, "floor_size"), (float)(o->smallest / c->camera.unit));
     gl->Uniform1f(gl->GetUniformLocation(p, "smallest"),
                   0.70710678f * (float)pbs_camera_pixel(&c->camera, c->height));
-    gl->Uniform2ui(gl->GetUniformLocation(p, "extent"), c->width, c->height);
+    gl->Uniform2ui(gl->GetUniformLocation(p, "extent"), c->columns.wide, c->height);
+    gl->Uniform1i(gl->GetUniformLocation(p, "from"), c->columns.from);
     gl->BindBufferBase(GL_SHADER_STORAGE_BUFFER, 0, out->points);
     gl->BindVertexArray(r->no_vertices);
 }
@@ -388,11 +391,11 @@ static pbs_code choose_cast(pbs_reduce *r, pbs_err *err) {
 /* A number, or a depth and a number, of every pixel; cleared. */
 static pbs_code clear_pixels(pbs_reduce *r, const pbs_canvas *c, pbs_err *err) {
     const pbs_gl *gl = r->gl;
-    uint64_t bytes = 4 * (uint64_t)c->width * c->height, wide = r->wide ? 2 : 1;
+    uint64_t bytes = 4 * (uint64_t)c->columns.wide * c->height, wide = r->wide ? 2 : 1;
     if (bytes > r->pixel_room) {
         if ((int64_t)(wide * bytes) > gl->max_storage)
-            return pbs_fail(err, PBS_LIMIT, "points on %u x %u pixels: too many for %s", c->width,
-                            c->height, gl->device);
+            return pbs_fail(err, PBS_LIMIT, "points on %u x %u pixels: too many for %s",
+                            c->columns.wide, c->height, gl->device);
         pbs_code rc = pbs_mem_take(r->run, 2 * (size_t)(bytes - r->pixel_room), "the points", err);
         if (rc) return rc;
         r->counted += 2 * (size_t)(bytes - r->pixel_room);

@@ -1,5 +1,4 @@
-/* resident.h: records of a node that are in the GPU's memory, as splat.h and reduce.h take them,
- * and a plain way to get them there: all of them, once. */
+/* resident.h: records of a node that are in the GPU's memory, as splat.h and reduce.h take them. */
 #ifndef PBS_RESIDENT_H
 #define PBS_RESIDENT_H
 
@@ -15,8 +14,9 @@ typedef struct pbs_resident {
     uint64_t octaves; /* of the octaves' entries in the same buffer; PBS_NO_OCTAVES: it has none */
     uint32_t stride;  /* bytes, a multiple of 4; 0: what the channels need */
     uint32_t channels, prefix, whole; /* as in pbs_surfels */
-    double radius;                    /* of a disc, node's unit */
-    double corner[3], step, m[12];    /* as in pbs_surfels; spacing 1 is 65535 steps */
+    pbs_part part;
+    double radius;                 /* of a disc, node's unit */
+    double corner[3], step, m[12]; /* as in pbs_surfels; spacing 1 is 65535 steps */
 } pbs_resident;
 
 #define PBS_NO_OCTAVES UINT64_MAX
@@ -27,6 +27,11 @@ typedef struct pbs_resident_words {
     uint32_t octaves;              /* UINT32_MAX: none, or not all of them are in the buffer */
     int32_t field[4];              /* of normal, colour, material, emissive in a record; -1: none */
 } pbs_resident_words;
+
+/* Its part has a key of its own. */
+static inline uint64_t pbs_resident_key(const pbs_resident *r) {
+    return r->key ^ (uint64_t)r->part.before * 0xd6e8feb86659fd93u;
+}
 
 /* bytes: of its buffer. Errors: PBS_INTERNAL for an offset or a stride that is no multiple of 4, or
  * a stride smaller than the channels. */
@@ -41,15 +46,4 @@ uint64_t pbs_resident_bytes(const pbs_gl *gl, GLuint buffer);
  * in double. */
 void pbs_resident_place(const pbs_resident *r, const pbs_camera *camera, float to_view[3][4],
                         float disc[3][4], float normal[3][4]);
-
-/* Everything that was ever asked for stays in the GPU's memory until the free. */
-typedef struct pbs_residents pbs_residents;
-
-pbs_code pbs_residents_new(pbs_run *run, const pbs_gl *gl, pbs_residents **out, pbs_err *err);
-void pbs_residents_free(pbs_residents *p); /* NULL is fine */
-
-/* The node, uploaded if its records are not there yet; records that lie at the same place in memory
- * are the same. All `whole` records (0: prefix) are, and the octaves. Errors: PBS_LIMIT. */
-pbs_code pbs_residents_add(pbs_residents *p, const pbs_surfels *node, uint64_t key,
-                           pbs_resident *out, pbs_err *err);
 #endif

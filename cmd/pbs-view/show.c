@@ -37,6 +37,7 @@ static pbs_code open_archive(pbs_show *s, const char *path, pbs_err *err) {
     const pbs_show_options *o = s->options;
     pbs_player_desc d = {.gpu = o->gpu_memory,
                          .upload = o->upload,
+                         .buffer = o->buffer,
                          .per_point = o->per_point,
                          .splat = o->splat,
                          .points = o->points,
@@ -81,7 +82,7 @@ static pbs_cut_view cut_view(pbs_show *s, const pbs_show_view *v, const pbs_eyes
 
 static pbs_eyes eyes_of(const pbs_show_view *v) {
     pbs_eyes eyes;
-    pbs_eyes_of(&eyes, &v->camera, v->width, v->height, v->separation, v->zones, v->gaze);
+    pbs_eyes_of(&eyes, &v->camera, v->width, v->height, v->separation, v->focus, v->zones, v->gaze);
     return eyes;
 }
 
@@ -142,9 +143,12 @@ pbs_code pbs_show_draw(pbs_show *s, pbs_canvas *canvas, const pbs_show_view *vie
     if (!rc)
         rc = scene ? pose_scene(s, view->time, err) : pbs_player_look(&s->player, canvas, &v, err);
     for (int i = 0; i < eyes.count && !rc; i++) {
-        pbs_canvas_look(canvas, &eyes.camera[i], eyes.left[i], eyes.width);
+        pbs_canvas_look(canvas, &eyes.camera[i],
+                        (pbs_columns){eyes.left[i], eyes.width, eyes.from[i], eyes.wide});
         rc = scene ? draw_scene(s, canvas, err) : pbs_player_draw(&s->player, canvas, &v, err);
     }
+    /* What comes over the picture, and its way out of the canvas, is about all of it. */
+    pbs_canvas_look(canvas, &view->camera, (pbs_columns){0, view->width, 0, view->width});
     if (!rc && !scene) count(s);
     return rc;
 }

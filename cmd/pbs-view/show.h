@@ -14,7 +14,7 @@ typedef struct pbs_show_options {
     const char *animation; /* poses.h; NULL: all */
     uint64_t prefix, width, height, samples;
     double surfel_size;
-    uint64_t gpu_memory, upload;
+    uint64_t gpu_memory, upload, buffer;
     bool formula, per_point, partial, no_occlusion;
     int up;     /* 0, 1, 2: x, y, z */
     int splat;  /* PBS_SPLAT_OFF, ... */
@@ -57,6 +57,7 @@ typedef struct pbs_show_view {
     uint32_t width, height;
     double surfel_size;
     double separation;      /* of two eyes side by side, world unit; 0: one eye */
+    double focus;           /* distance at which both see the same place; 0: infinity */
     const pbs_zones *zones; /* factors of the surfel size around the gaze; NULL: none */
     double gaze[2];         /* shares of an eye's part of the picture, from its left upper corner */
     double time;            /* of the animations, seconds; NaN: everything rests */

@@ -27,13 +27,27 @@ static uint32_t look_of(const pbs_source *s, uint32_t material) {
     return item[0] == PBS_NONE && item[1] == PBS_NONE && item[2] == PBS_NONE ? PBS_NONE : material;
 }
 
+uint64_t pbs_source_mesh_part(const pbs_source *s, uint32_t node, size_t *next) {
+    size_t n;
+    uint64_t sum = 0;
+    const uint32_t *list = pbs_archive_list(s->archive, node, PBS_SORT_MESHES, &n);
+    for (bool first = true; *next < n; ++*next, first = false) {
+        uint64_t more = pbs_source_rounded(pbs_archive_bytes(s->archive, list[*next]));
+        if (!first && sum + more > s->largest) break;
+        sum += more;
+    }
+    return sum;
+}
+
 static int64_t place_of(const pbs_fetched *f, const void *array, uint64_t at) {
     return array ? (int64_t)at + ((const uint8_t *)array - (const uint8_t *)f->chunk.payload) : -1;
 }
 
-static pbs_mesh_part part_of(const pbs_fetched *f, uint64_t at) {
+/* number, at: the part of the item, and where the chunk begins in it. */
+static pbs_mesh_part part_of(const pbs_fetched *f, uint32_t number, uint64_t at) {
     const pbs_mesh *m = &f->mesh;
-    return (pbs_mesh_part){.triangles = m->triangles,
+    return (pbs_mesh_part){.part = number,
+                           .triangles = m->triangles,
                            .material = m->material,
                            .look = PBS_NONE,
                            .position = place_of(f, m->position, at),
@@ -86,7 +100,7 @@ static void rearrange(const pbs_mesh *m, const uint64_t *order, uint16_t *index,
     }
 }
 
-/* A mesh whose triangles have materials of their own, which is in `to` already. */
+/* A mesh whose triangles have materials of their own, which is in its part, `to`, already. */
 static pbs_code split(pbs_source *s, pbs_node_mesh *n, const pbs_fetched *f, pbs_mesh_part part,
                       uint8_t *to, pbs_err *err) {
     const pbs_mesh *m = &f->mesh;
@@ -111,9 +125,10 @@ static pbs_code split(pbs_source *s, pbs_node_mesh *n, const pbs_fetched *f, pbs
     return rc;
 }
 
-static pbs_code add_mesh(pbs_source *s, pbs_node_mesh *n, const pbs_fetched *f, uint64_t at,
-                         uint8_t *to, pbs_err *err) {
-    pbs_mesh_part part = part_of(f, at);
+/* to: the item's part. at: where the chunk begins in it. */
+static pbs_code add_mesh(pbs_source *s, pbs_node_mesh *n, const pbs_fetched *f, uint32_t number,
+                         uint64_t at, uint8_t *to, pbs_err *err) {
+    pbs_mesh_part part = part_of(f, number, at);
     memcpy(to + at, f->chunk.payload, (size_t)f->chunk.bytes);
     bool looks = f->mesh.uv && s->archive->texture_count;
     if (looks && f->mesh.triangle_material) return split(s, n, f, part, to, err);
@@ -124,8 +139,9 @@ static pbs_code add_mesh(pbs_source *s, pbs_node_mesh *n, const pbs_fetched *f, 
 
 pbs_code pbs_source_load_mesh(pbs_source *s, uint32_t node, uint8_t *to, pbs_err *err) {
     const pbs_archive *a = s->archive;
-    size_t n;
-    uint64_t at = 0;
+    size_t n, next = 0;
+    uint64_t at = 0, size = pbs_source_mesh_part(s, node, &next);
+    uint32_t part = 0;
     const uint32_t *list = pbs_archive_list(a, node, PBS_SORT_MESHES, &n);
     pbs_code rc = PBS_OK;
     if (!s->mesh[node]) {
@@ -136,9 +152,13 @@ pbs_code pbs_source_load_mesh(pbs_source *s, uint32_t node, uint8_t *to, pbs_err
     s->mesh[node]->part_count = s->mesh[node]->texture_count = 0;
     for (size_t i = 0; i < n && !rc; i++) {
         pbs_fetched f;
+        if (i == next) {
+            to += size, at = 0, part++;
+            size = pbs_source_mesh_part(s, node, &next);
+        }
         rc = pbs_archive_fetch(a, list[i], &f, err);
         if (rc) break;
-        rc = add_mesh(s, s->mesh[node], &f, at, to, err);
+        rc = add_mesh(s, s->mesh[node], &f, part, at, to, err);
         at += pbs_source_rounded(pbs_archive_bytes(a, list[i]));
         pbs_archive_release(a, &f);
     }

@@ -119,7 +119,8 @@ static pbs_code framebuffer(const pbs_splat *s, GLuint *out, GLuint colour, GLui
 }
 
 static pbs_code fit_textures(pbs_splat *s, const pbs_canvas *c, pbs_err *err) {
-    uint32_t width = c->width + 2 * PBS_SPLAT_MARGIN, height = c->height + 2 * PBS_SPLAT_MARGIN;
+    uint32_t width = c->columns.wide + 2 * PBS_SPLAT_MARGIN;
+    uint32_t height = c->height + 2 * PBS_SPLAT_MARGIN;
     if (s->width == width && s->height == height) return PBS_OK;
     if (width > (uint32_t)s->gl->max_texture || height > (uint32_t)s->gl->max_texture)
         return pbs_fail(err, PBS_LIMIT, "splats of %u x %u pixels: %s draws up to %d", width,
@@ -182,7 +183,7 @@ static void use(const pbs_splat *s, const pbs_canvas *c, GLuint program) {
     gl->Uniform1f(gl->GetUniformLocation(program, "pixel"),
                   (float)pbs_camera_pixel(&c->camera, c->height));
     gl->Uniform3f(gl->GetUniformLocation(program, "project"),
-                  (float)(c->width / (c->camera.tan_half * c->aspect * s->width)),
+                  (float)(c->columns.wide / (c->camera.tan_half * c->aspect * s->width)),
                   (float)(c->height / (c->camera.tan_half * s->height)), (float)PBS_CAMERA_NEAR);
 }
 
@@ -230,6 +231,7 @@ static void draw_first(const pbs_splat *s, const pbs_canvas *c, bool coherent) {
     const splat_frame *f = &s->frames[s->now], *last = &s->frames[!s->now];
     float farthest = 0;
     gl->BindFramebuffer(GL_FRAMEBUFFER, s->depth_frame);
+    gl->Disable(GL_SCISSOR_TEST);
     gl->Viewport(0, 0, (GLsizei)s->width, (GLsizei)s->height);
     gl->ClearNamedFramebufferfv(s->depth_frame, GL_DEPTH, 0, &farthest);
     use(s, c, s->depth_program);
@@ -302,9 +304,10 @@ static void draw_colours(const pbs_splat *s, const pbs_canvas *c) {
 static void draw_quotient(const pbs_splat *s, const pbs_canvas *c) {
     const pbs_gl *gl = s->gl;
     gl->BindFramebuffer(GL_FRAMEBUFFER, c->draw.frame);
-    gl->Viewport(0, 0, (GLsizei)c->width, (GLsizei)c->height);
+    pbs_canvas_window(c);
     gl->UseProgram(s->final_program);
-    gl->Uniform1i(gl->GetUniformLocation(s->final_program, "margin"), PBS_SPLAT_MARGIN);
+    gl->Uniform2i(gl->GetUniformLocation(s->final_program, "margin"),
+                  PBS_SPLAT_MARGIN - c->columns.from, PBS_SPLAT_MARGIN);
     gl->BindTextureUnit(0, s->sums);
     gl->BindTextureUnit(1, s->coverage);
     gl->BindTextureUnit(2, s->depth);

@@ -9,7 +9,9 @@ struct Object {
                                          // number of the buffer
     uvec4 octaves;                       // first word or NONE, stride, surfels of the node, octaves
     ivec4 field;                         // word of normal, colour, material, emissive, or -1
-    uvec4 more;                          // identifier of record 0; octave of the prefix, a float
+    uvec4 more;                          // identifier of record 0; octave of the prefix, a float;
+                                         // of the part of the node that lies in this buffer: records
+                                         // before it, and its own at most
 };
 layout(std430, binding = 1) readonly buffer Objects { Object object[]; };
 

@@ -49,12 +49,18 @@ uint octave_length(uint n, uint k) {
     return (n >> 2u * k) + uint((n & (1u << 2u * k) - 1u) != 0u);
 }
 
+// Entries of an octave that lie in the object's buffer.
+uint entries_here(uint o, uint k) {
+    uint n = octave_length(object[o].octaves.z, k), before = object[o].more.z;
+    return n > before ? min(n - before, object[o].more.w) : 0u;
+}
+
 Look look_in(uint o, uint i, uint k) {
     uvec4 octaves = object[o].octaves;
     ivec4 field = object[o].field;
     if (k == 0u) return look_at(object[o].records.x + i * object[o].records.y, field);
-    uint entry = i + object[o].records.w;
-    for (uint j = k + 1u; j <= octaves.w; j++) entry += octave_length(octaves.z, j);
+    uint entry = i + object[o].records.w - object[o].more.z;
+    for (uint j = k + 1u; j <= octaves.w; j++) entry += entries_here(o, j);
     return look_at(octaves.x + entry * octaves.y, field - 2 * ivec4(greaterThanEqual(field, ivec4(0))));
 }
 

@@ -3,7 +3,7 @@
 layout(binding = 0) uniform sampler2D sums;
 layout(binding = 1) uniform sampler2D coverages;
 layout(binding = 2) uniform sampler2D depths;
-uniform int margin;
+uniform ivec2 margin; // from the canvas to the sums
 layout(location = 0) out vec4 colour;
 
 void main() {

@@ -80,7 +80,7 @@ typedef struct splat_entry {
     int32_t field[4];
     uint32_t id;
     float octave;
-    uint32_t unused[2];
+    uint32_t before, here; /* of its part; here: as many as it has */
 } splat_entry;
 
 /* Makes room; what was in it is lost if it grows. */

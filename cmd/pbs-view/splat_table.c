@@ -80,8 +80,10 @@ static void fill_octaves(const pbs_resident *r, const pbs_resident_words *w, spl
     e->octaves[1] = pbs_surfel_size(r->channels) / 4 - 2;
     e->octaves[2] = r->whole;
     e->octaves[3] = (uint32_t)pbs_octaves(r->whole);
-    if (r->prefix && r->prefix < r->whole)
-        e->octave = (float)(log2((double)r->whole / r->prefix) / 2);
+    uint32_t prefix = r->part.here ? r->part.prefix : r->prefix;
+    if (prefix && prefix < r->whole) e->octave = (float)(log2((double)r->whole / prefix) / 2);
+    e->before = r->part.before;
+    e->here = r->part.here ? r->part.here : UINT32_MAX;
 }
 
 /* The node's parts, and what they have in common in the table. */
@@ -100,12 +102,13 @@ static pbs_code add_node(pbs_splat *s, splat_frame *f, const pbs_canvas *c, cons
                           "the list of splats", err);
         if (rc) return rc;
         splat_entry *e = &s->entries[*parts];
-        *e = (splat_entry){.records = {w.first + skip * w.stride, w.stride, 0, skip}};
+        *e = (splat_entry){
+            .records = {w.first + skip * w.stride, w.stride, 0, r->part.before + skip}};
         memcpy(e->field, w.field, sizeof e->field);
         e->records[2] = left < PBS_SPLAT_LARGE ? left : PBS_SPLAT_LARGE;
         pbs_resident_place(r, &c->camera, e->to_view, e->disc, e->normal);
         fill_octaves(r, &w, e);
-        s->parts[(*parts)++] = (splat_object){.key = r->key,
+        s->parts[(*parts)++] = (splat_object){.key = pbs_resident_key(r),
                                               .offset = r->offset,
                                               .buffer = r->buffer,
                                               .node = node,

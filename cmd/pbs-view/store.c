@@ -15,13 +15,19 @@ enum { QUEUE = 256, NONE = UINT32_MAX, LEAST_BLOCK = 1 << 20 };
 
 typedef enum state { ABSENT, READY, RESIDENT, FAILED } state;
 
+typedef struct place {
+    uint32_t block; /* NONE: it has none */
+    uint64_t at, size;
+} place;
+
 typedef struct item {
     uint8_t state;
     bool refused;   /* there was no room, when so many items had been let go: */
-    uint32_t block; /* of its place, NONE: it has none */
+    uint32_t parts; /* their places are found in their order: without the first none has one */
     uint64_t refused_at;
-    uint64_t at, done; /* its place; bytes of it that are uploaded */
-    uint64_t used;     /* frame that needed it last */
+    place one, *many;
+    uint64_t done; /* bytes of it that are uploaded */
+    uint64_t used; /* frame that needed it last */
     pbs_blob blob;
 } item;
 
@@ -121,16 +127,29 @@ static void drop_block(pbs_store *s, block *b) {
     pbs_rooms_free(s->run, &b->rooms);
 }
 
-static pbs_code release(pbs_store *s, uint32_t id, pbs_err *err) {
-    item *i = &s->items[id];
-    if (i->block == NONE) return PBS_OK;
-    block *b = &s->blocks[i->block];
-    pbs_code rc = pbs_rooms_give(s->run, &b->rooms, i->at, s->bytes[id], err);
+static place *places_of(item *i) {
+    return i->many ? i->many : &i->one;
+}
+
+static pbs_code release_part(pbs_store *s, place *p, pbs_err *err) {
+    block *b = &s->blocks[p->block];
+    pbs_code rc = pbs_rooms_give(s->run, &b->rooms, p->at, p->size, err);
     if (rc) return rc;
     if (b->apart) drop_block(s, b);
-    i->block = NONE;
+    p->block = NONE;
+    s->stats.resident -= p->size;
+    return PBS_OK;
+}
+
+static pbs_code release(pbs_store *s, uint32_t id, pbs_err *err) {
+    item *i = &s->items[id];
+    place *p = places_of(i);
+    if (p->block == NONE) return PBS_OK;
+    for (uint32_t k = i->parts; k-- > 0;) {
+        pbs_code rc = p[k].block == NONE ? PBS_OK : release_part(s, &p[k], err);
+        if (rc) return rc;
+    }
     i->done = 0;
-    s->stats.resident -= s->bytes[id];
     s->let_go++;
     return PBS_OK;
 }
@@ -152,10 +171,10 @@ static void drop_empty_blocks(pbs_store *s) {
 }
 
 /* Room in a buffer. */
-static bool find_room(pbs_store *s, uint64_t size, item *i) {
+static bool find_room(pbs_store *s, uint64_t size, place *p) {
     for (size_t k = 0; k < s->block_count; k++)
-        if (!s->blocks[k].apart && pbs_rooms_take(&s->blocks[k].rooms, size, &i->at)) {
-            i->block = (uint32_t)k;
+        if (!s->blocks[k].apart && pbs_rooms_take(&s->blocks[k].rooms, size, &p->at)) {
+            p->block = (uint32_t)k;
             return true;
         }
     return false;
@@ -210,13 +229,14 @@ static int by_use(const void *a, const void *b) {
 }
 
 /* Lets go what no need of this frame names, what was unused for longest first, until `size` bytes
- * are free in one place. *found: they are, and the item has it. A texture is none of a buffer's
- * places: where one goes, or is to come, it is enough that the limit has room. */
-static pbs_code evict(pbs_store *s, uint32_t wanted, uint64_t size, bool *found, pbs_err *err) {
+ * are free in one place. *found: they are, and p is it. A texture is none of a buffer's places:
+ * where one goes, or is to come, it is enough that the limit has room. */
+static pbs_code evict(pbs_store *s, uint32_t wanted, uint64_t size, place *p, bool *found,
+                      pbs_err *err) {
     bool apart = is_apart(s, wanted), room = false;
     size_t n = 0;
     for (uint32_t k = 0; k < s->desc.items; k++)
-        if (s->items[k].block != NONE && s->items[k].used < s->frame)
+        if (places_of(&s->items[k])->block != NONE && s->items[k].used < s->frame)
             s->victims[n++] = (victim){s->items[k].used, k};
     if (n) qsort(s->victims, n, sizeof *s->victims, by_use);
     for (size_t k = 0; k < n && !*found && !room; k++) {
@@ -228,33 +248,33 @@ static pbs_code evict(pbs_store *s, uint32_t wanted, uint64_t size, bool *found,
         if (old->state == RESIDENT) old->state = ABSENT;
         s->resident[id] = 0;
         if (apart) drop_empty_blocks(s);
-        *found = !apart && find_room(s, size, &s->items[wanted]);
+        *found = !apart && find_room(s, size, p);
         room = (apart || is_apart(s, id)) && s->desc.gpu - s->stats.buffers >= size;
     }
     return PBS_OK;
 }
 
 /* Room in the block that was made last. */
-static bool take_new(pbs_store *s, uint64_t size, item *i) {
-    if (!pbs_rooms_take(&s->blocks[s->newest].rooms, size, &i->at)) return false;
-    i->block = (uint32_t)s->newest;
+static bool take_new(pbs_store *s, uint64_t size, place *p) {
+    if (!pbs_rooms_take(&s->blocks[s->newest].rooms, size, &p->at)) return false;
+    p->block = (uint32_t)s->newest;
     return true;
 }
 
-/* A place for the item: where one is free; in a new buffer; in the place of others. */
-static pbs_code place(pbs_store *s, uint32_t id, bool *found, pbs_err *err) {
+/* A place for a part of the item: where one is free; in a new buffer; in the place of others. */
+static pbs_code settle(pbs_store *s, uint32_t id, place *p, bool *found, pbs_err *err) {
     item *i = &s->items[id];
-    uint64_t size = (s->bytes[id] + PBS_ROOM_ALIGN - 1) & ~(uint64_t)(PBS_ROOM_ALIGN - 1);
+    uint64_t size = (p->size + PBS_ROOM_ALIGN - 1) & ~(uint64_t)(PBS_ROOM_ALIGN - 1);
     pbs_code rc = PBS_OK;
-    *found = !is_apart(s, id) && find_room(s, size, i);
+    *found = !is_apart(s, id) && find_room(s, size, p);
     for (int again = 0; again < 2 && !*found && !rc; again++) {
         bool made;
         rc = add_block(s, id, size, &made, err);
-        if (!rc && made) *found = take_new(s, size, i);
-        if (!rc && !*found && !again) rc = evict(s, id, size, found, err);
+        if (!rc && made) *found = take_new(s, size, p);
+        if (!rc && !*found && !again) rc = evict(s, id, size, p, found, err);
         if (!*found && !again) drop_empty_blocks(s);
     }
-    if (*found) s->stats.resident += s->bytes[id];
+    if (*found) s->stats.resident += p->size;
     i->refused = !*found;
     i->refused_at = s->let_go;
     return rc;
@@ -268,7 +288,7 @@ static void arrive(pbs_store *s, const arrival *a) {
     i->blob = a->blob;
     if (a->err.code == PBS_OK && fits) {
         i->state = READY;
-        s->bytes[a->item] = a->blob.size;
+        if (is_apart(s, a->item)) s->bytes[a->item] = i->one.size = a->blob.size;
         s->stats.loaded++;
         return;
     }
@@ -312,28 +332,44 @@ static size_t mark(pbs_store *s, const pbs_cut_need *needs, size_t count) {
     return n;
 }
 
-static pbs_code upload(pbs_store *s, uint32_t id, uint64_t *left, pbs_err *err) {
+/* As much of a part, which begins at byte `from` of the item, as may be uploaded now. */
+static void fill_part(pbs_store *s, uint32_t id, const place *p, uint64_t from, uint64_t *left) {
     item *i = &s->items[id];
-    uint64_t size = s->bytes[id];
-    bool found = i->block != NONE;
-    pbs_code rc = found ? PBS_OK : place(s, id, &found, err);
-    if (rc || !found) {
-        /* What finds no room makes way for what is behind it. */
-        free_blob(s, i);
-        i->state = ABSENT;
-        return rc;
-    }
-    uint64_t some = size - i->done < *left ? size - i->done : *left;
-    uint32_t to = s->blocks[i->block].buffer;
+    uint64_t at = i->done - from, some = p->size - at < *left ? p->size - at : *left;
+    uint32_t to = s->blocks[p->block].buffer;
     if (is_apart(s, id))
-        s->gpu.fill_apart(s->gpu.ctx, id, to, i->done, i->blob.bytes + i->done, some);
+        s->gpu.fill_apart(s->gpu.ctx, id, to, at, i->blob.bytes + i->done, some);
     else
-        s->gpu.fill(s->gpu.ctx, to, i->at + i->done, i->blob.bytes + i->done, some);
+        s->gpu.fill(s->gpu.ctx, to, p->at + at, i->blob.bytes + i->done, some);
     i->done += some;
     *left -= some;
     s->stats.uploaded += some;
     s->stats.uploaded_last += some;
-    if (i->done < size) return PBS_OK;
+}
+
+/* What finds no room makes way for what is behind it. Rooms that its own first parts had are no
+ * reason for others that found none to come again. */
+static pbs_code give_up(pbs_store *s, uint32_t id, pbs_err *err) {
+    uint64_t let_go = s->let_go;
+    free_blob(s, &s->items[id]);
+    s->items[id].state = ABSENT;
+    pbs_code rc = release(s, id, err);
+    s->let_go = let_go;
+    return rc;
+}
+
+static pbs_code upload(pbs_store *s, uint32_t id, uint64_t *left, pbs_err *err) {
+    item *i = &s->items[id];
+    place *p = places_of(i);
+    uint64_t from = 0;
+    for (uint32_t k = 0; k < i->parts && *left; from += p[k++].size) {
+        if (i->done >= from + p[k].size) continue;
+        bool found = p[k].block != NONE;
+        pbs_code rc = found ? PBS_OK : settle(s, id, &p[k], &found, err);
+        if (rc || !found) return rc ? rc : give_up(s, id, err);
+        fill_part(s, id, &p[k], from, left);
+    }
+    if (i->done < s->bytes[id]) return PBS_OK;
     i->state = RESIDENT;
     s->resident[id] = 1;
     free_blob(s, i);
@@ -409,6 +445,33 @@ void pbs_store_wait(pbs_store *s, double seconds) {
 
 /* ---- from beginning to end ---- */
 
+static pbs_code make_parts(pbs_store *s, uint32_t id, uint32_t parts, pbs_err *err) {
+    item *i = &s->items[id];
+    pbs_code rc =
+        pbs_alloc(s->run, &i->many, parts, sizeof *i->many, "the table of what is loaded", err);
+    if (rc) return rc;
+    i->parts = parts;
+    for (uint32_t k = 0; k < parts; k++)
+        i->many[k] = (place){.block = NONE, .size = s->source.part(s->source.ctx, id, k)};
+    return PBS_OK;
+}
+
+/* An item that is larger than a buffer; without parts that fit it fails. */
+static pbs_code divide(pbs_store *s, uint32_t id, pbs_err *err) {
+    uint64_t most = s->desc.largest, sum = 0, size;
+    uint32_t parts = 0;
+    while (s->source.part && (size = s->source.part(s->source.ctx, id, parts)) && size <= most)
+        parts++, sum += size;
+    if (sum == s->bytes[id]) return make_parts(s, id, parts, err);
+    s->items[id].state = FAILED;
+    if (!s->stats.failed++)
+        (void)pbs_fail(&s->trouble, PBS_LIMIT,
+                       "a node of %llu bytes: the device draws up to %llu from one buffer, and it "
+                       "cannot be divided so far",
+                       (unsigned long long)s->bytes[id], (unsigned long long)most);
+    return PBS_OK;
+}
+
 static pbs_code build(pbs_store *s, pbs_err *err) {
     const char *what = "the table of what is loaded";
     size_t n = s->desc.items;
@@ -419,16 +482,11 @@ static pbs_code build(pbs_store *s, pbs_err *err) {
     if (rc) return rc;
     memset(s->resident, 0, n);
     if (n) memcpy(s->bytes, s->desc.bytes, n * sizeof *s->bytes);
-    for (size_t i = 0; i < n; i++) s->items[i] = (item){.block = NONE};
-    for (size_t i = 0; i < (s->desc.apart ? s->desc.apart : n); i++)
-        if (s->bytes[i] > s->desc.largest) {
-            s->items[i].state = FAILED;
-            if (!s->stats.failed++)
-                (void)pbs_fail(&s->trouble, PBS_LIMIT,
-                               "a node of %llu bytes: the device draws up to %llu from one buffer",
-                               (unsigned long long)s->bytes[i],
-                               (unsigned long long)s->desc.largest);
-        }
+    for (size_t i = 0; i < n; i++)
+        s->items[i] = (item){.parts = 1, .one = {.block = NONE, .size = s->bytes[i]}};
+    for (uint32_t i = 0; i < (s->desc.apart ? s->desc.apart : n) && !rc; i++)
+        if (s->bytes[i] > s->desc.largest) rc = divide(s, i, err);
+    if (rc) return rc;
     if (s->desc.threaded && pthread_create(&s->thread, NULL, loader, s))
         return pbs_fail(err, PBS_LIMIT, "no thread to load with");
     s->running = s->desc.threaded;
@@ -484,7 +542,10 @@ void pbs_store_free(pbs_store *s, bool buffers) {
     if (!s) return;
     end_thread(s);
     for (uint32_t i = 0; i < s->done_count; i++) pbs_free(s->run, s->done[i].blob.bytes);
-    for (size_t i = 0; s->items && i < s->desc.items; i++) pbs_free(s->run, s->items[i].blob.bytes);
+    for (size_t i = 0; s->items && i < s->desc.items; i++) {
+        pbs_free(s->run, s->items[i].blob.bytes);
+        pbs_free(s->run, s->items[i].many);
+    }
     for (size_t i = 0; i < s->block_count; i++) {
         if (buffers && s->blocks[i].rooms.size) drop_block(s, &s->blocks[i]);
         pbs_rooms_free(s->run, &s->blocks[i].rooms);
@@ -513,9 +574,9 @@ const uint8_t *pbs_store_resident(const pbs_store *s) {
     return s->resident;
 }
 
-pbs_region pbs_store_where(const pbs_store *s, uint32_t id) {
-    const item *i = &s->items[id];
-    return (pbs_region){s->blocks[i->block].buffer, i->at, s->bytes[id]};
+pbs_region pbs_store_where(const pbs_store *s, uint32_t id, uint32_t k) {
+    const place *p = places_of(&s->items[id]) + k;
+    return (pbs_region){s->blocks[p->block].buffer, p->at, p->size};
 }
 
 pbs_store_stats pbs_store_measure(const pbs_store *s) {

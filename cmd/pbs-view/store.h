@@ -17,10 +17,13 @@ typedef struct pbs_blob {
 } pbs_blob;
 
 /* load: called on the loader's thread, one at a time. An error is the item's own: it is never asked
- * for again. */
+ * for again.
+ * part: bytes of part k of an item that is larger than a buffer may be; parts lie in the blob one
+ * behind the other; 0: there are only k. NULL: items cannot be divided. */
 typedef struct pbs_store_source {
     void *ctx;
     pbs_code (*load)(void *ctx, uint32_t item, pbs_blob *out, pbs_err *err);
+    uint64_t (*part)(void *ctx, uint32_t item, uint32_t k);
 } pbs_store_source;
 
 /* Called on the thread of pbs_store_frame. make: false: there is no more memory. The second three
@@ -41,7 +44,7 @@ typedef struct pbs_store_desc {
     const uint64_t *bytes; /* of each item; 0: there is none. Of items that are apart: what is
                               expected, until one has been loaded */
     uint64_t gpu;          /* limit of all buffers together */
-    uint64_t largest;      /* of one buffer */
+    uint64_t largest;      /* of one buffer; items that are larger have parts in several */
     uint64_t upload;       /* bytes a frame; 0: any */
     uint64_t host;         /* limit of what is loaded and not yet uploaded; one item is always
                               allowed */
@@ -64,8 +67,8 @@ typedef struct pbs_region {
     uint32_t buffer;   /* or texture */
     uint64_t at, size; /* bytes; at is a multiple of 256 */
 } pbs_region;
-/* Of an item that is resident, until the next pbs_store_frame. */
-pbs_region pbs_store_where(const pbs_store *s, uint32_t item);
+/* Of part k of an item that is resident, until the next pbs_store_frame. */
+pbs_region pbs_store_where(const pbs_store *s, uint32_t item, uint32_t k);
 
 /* Whether an item is not there, but comes if further frames need it like the last one; else it is
  * there, or damaged, or not needed, or there is no room. */

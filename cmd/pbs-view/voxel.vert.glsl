@@ -4,6 +4,7 @@
 // face that is not there has its far corner at the near one, and no area.
 
 layout(std430, binding = 0) readonly buffer Arrays { uint word[]; };
+layout(std430, binding = 1) readonly buffer Faces { uint attribute_of_face[]; };
 
 layout(std140, binding = 0) uniform Node {
     vec4 to_view[3];           // cells to view, rows
@@ -37,7 +38,7 @@ mat3 rows(vec4 r[3]) {
 void dress(uint i, uint flags, int face, inout vec3 albedo, inout vec2 material,
            inout vec3 emissive) {
     uint at = word[uint(node.face) + i] + uint(bitCount(flags & ((1u << face) - 1u)));
-    uint a = word[uint(node.faces) + min(at, node.face_count - 1u)];
+    uint a = attribute_of_face[uint(node.faces) + min(at, node.face_count - 1u)];
     if (node.face_colours != 0u) {
         albedo = linear_from_srgb(unpackUnorm4x8(a).rgb);
         return;

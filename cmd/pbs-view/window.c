@@ -82,11 +82,9 @@ static pbs_code fit_canvas(pbs_window *s, pbs_err *err) {
     s->f.GetFramebufferSize(s->w, &width, &height);
     s->hidden = width < 1 || height < 1; /* minimised */
     if (s->hidden) return PBS_OK;
-    if (s->canvas && (uint32_t)width == s->width && (uint32_t)height == s->height) return PBS_OK;
-    pbs_canvas_free(s->canvas);
-    s->canvas = NULL;
     s->width = (uint32_t)width;
     s->height = (uint32_t)height;
+    if (s->canvas) return pbs_canvas_resize(s->canvas, s->width, s->height, err);
     pbs_canvas_desc d = {s->width, s->height, (int)s->show->options->samples};
     return pbs_canvas_new(s->show->run, &s->gl, &d, &s->canvas, err);
 }

@@ -1,10 +1,15 @@
-/* Deferred splatting and the reduce pass on this machine's device: milliseconds a frame, from one
- * glFinish to the next, best of several; a camera on its way around a ball with a smaller one
- * inside, which is never seen. bench_view [DEVICE [SURFELS [POINTS]]]; without numbers they are
- * small enough for a software renderer. */
+/* The player's ratios on this machine's device, as one table: what is compared, milliseconds of a
+ * frame, of the same without it, and how many times that is; from one glFinish to the next, best of
+ * several, a camera on its way around a ball with a smaller one inside, which is never seen.
+ *
+ *     bench_view [DEVICE [SURFELS [POINTS [TRIANGLES]]]]
+ *
+ * DEVICE as pbs-view has it. Without numbers they are small enough for a software renderer where
+ * there is only that. */
 #include "cmd/pbs-view/reduce.h"
 #include "cmd/pbs-view/splat.h"
 #include "libcore/quant.h"
+#include "tests/residents.h"
 #include <stdio.h>
 #include <stdlib.h>
 #include <time.h>
@@ -69,6 +74,122 @@ static pbs_frame frame_at(double turn) {
     return f;
 }
 
+/* A line of the table. */
+static void print_row(const char *what, double ms, double against, const char *note) {
+    printf("%-44s %9.2f %9.2f %8.2f  %s\n", what, ms, against, against / ms, note);
+}
+
+/* ---- prefixes of surfels against all triangles ---- */
+
+enum { GRID = 128, PATCHES = 64 }; /* cells along a patch's side; patches of a buffer */
+enum { CORNERS = (GRID + 1) * (GRID + 1), TRIANGLES = 2 * GRID * GRID };
+enum { PATCH = CORNERS * 12 + TRIANGLES * 6 };
+
+/* Part of the ball between two meridians, as positions and indices. */
+static void fill_patch(uint8_t *to, double from, double wide) {
+    float *p = (float *)to;
+    uint16_t *index = (uint16_t *)(to + CORNERS * 12);
+    for (int y = 0; y <= GRID; y++)
+        for (int x = 0; x <= GRID; x++) {
+            double t = PI * y / GRID, a = from + wide * x / GRID;
+            *p++ = (float)(sin(t) * cos(a)), *p++ = (float)cos(t), *p++ = (float)(sin(t) * sin(a));
+        }
+    for (int y = 0; y < GRID; y++)
+        for (int x = 0; x < GRID; x++) {
+            int at = y * (GRID + 1) + x, below = at + GRID + 1;
+            const int six[6] = {at, at + 1, below, below, at + 1, below + 1};
+            for (int k = 0; k < 6; k++) *index++ = (uint16_t)six[k];
+        }
+}
+
+static size_t upload_patches(size_t count, pbs_placed_mesh *meshes) {
+    uint8_t *bytes = malloc((size_t)PATCHES * PATCH);
+    if (!bytes) exit(1);
+    for (size_t i = 0; i < count; i += PATCHES) {
+        size_t n = count - i < PATCHES ? count - i : PATCHES;
+        GLuint buffer;
+        gl.CreateBuffers(1, &buffer);
+        for (size_t k = 0; k < n; k++) {
+            int64_t at = (int64_t)k * PATCH;
+            fill_patch(bytes + at, 2 * PI * (double)(i + k) / (double)count,
+                       2 * PI / (double)count);
+            meshes[i + k] = (pbs_placed_mesh){buffer, TRIANGLES,         PBS_NONE, at,  -1,
+                                              -1,     at + CORNERS * 12, -1,       {0}, {0}};
+            memcpy(meshes[i + k].m, PBS_IDENTITY, sizeof meshes[i + k].m);
+        }
+        gl.NamedBufferData(buffer, (GLsizeiptr)(n * PATCH), bytes, GL_STATIC_DRAW);
+    }
+    free(bytes);
+    return count * TRIANGLES;
+}
+
+static double triangle_time(pbs_canvas *canvas, const pbs_placed_mesh *meshes, size_t count) {
+    double best = INFINITY;
+    for (int i = 0; i < FRAMES; i++) {
+        pbs_frame f = frame_at(0.02 * i);
+        gl.Finish();
+        double t = now_ms();
+        need(pbs_canvas_begin(canvas, &f, &err));
+        need(pbs_canvas_triangles(canvas, meshes, count, &(pbs_palette){0}, &err));
+        gl.Finish();
+        if (i > 1) best = fmin(best, now_ms() - t);
+    }
+    return best;
+}
+
+/* As many surfels as discs of so many pixels need at the ball's nearest point. */
+static double prefix_time(pbs_canvas *canvas, const pbs_resident *r, double pixels,
+                          uint32_t *prefix) {
+    double best = INFINITY;
+    for (int i = 0; i < FRAMES; i++) {
+        pbs_frame f = frame_at(0.02 * i);
+        double wanted = pixels / 2 * pbs_camera_pixel(&f.camera, HEIGHT) * (f.camera.unit - 1);
+        double n = 4 * PI * 1.21 / (wanted * wanted);
+        pbs_surfels node = {.buffer = r->buffer,
+                            .at = r->offset,
+                            .stride = r->stride,
+                            .channels = r->channels,
+                            .whole = r->whole,
+                            .radius = wanted,
+                            .step = r->step};
+        memcpy(node.corner, r->corner, sizeof node.corner);
+        node.prefix = *prefix = n < r->whole ? (uint32_t)n : r->whole;
+        gl.Finish();
+        double t = now_ms();
+        need(pbs_canvas_begin(canvas, &f, &err));
+        need(pbs_canvas_surfels(canvas, &node, 1, &err));
+        gl.Finish();
+        if (i > 1) best = fmin(best, now_ms() - t);
+    }
+    return best;
+}
+
+static void bench_prefix(pbs_canvas *canvas, uint32_t surfels, uint64_t triangles) {
+    size_t count = (size_t)(triangles / TRIANGLES) + 1;
+    pbs_placed_mesh *meshes = malloc(count * sizeof *meshes);
+    pbs_residents *pool;
+    pbs_resident r;
+    pbs_surfels node = ball(surfels, 1);
+    if (!meshes) exit(1);
+    triangles = upload_patches(count, meshes);
+    need(pbs_residents_new(&run, &gl, &pool, &err));
+    need(pbs_residents_add(pool, &node, 1, &r, &err));
+    double all = triangle_time(canvas, meshes, count);
+    for (double pixels = 2; pixels <= 8; pixels *= 2) {
+        char what[60], note[80];
+        uint32_t prefix;
+        double ms = prefix_time(canvas, &r, pixels, &prefix);
+        snprintf(what, sizeof what, "prefix, %g px, against all triangles", pixels);
+        snprintf(note, sizeof note, "%u surfels, %llu triangles", prefix,
+                 (unsigned long long)triangles);
+        print_row(what, ms, all, note);
+    }
+    for (size_t i = 0; i < count; i += PATCHES) gl.DeleteBuffers(1, &meshes[i].buffer);
+    free(meshes);
+    free((void *)node.records);
+    pbs_residents_free(pool);
+}
+
 /* ---- splats ---- */
 
 typedef struct row {
@@ -94,19 +215,21 @@ static double splat_row(pbs_canvas *canvas, const pbs_resident *nodes, size_t co
         if (i > 1) best = fmin(best, t);
     }
     need(pbs_splat_count(s, &c, &err));
-    printf("%-36s %8.2f ms  %5.2f x  first %8llu  visible %8llu  new %7llu\n", r->name, best,
-           against > 0 ? against / best : 1, (unsigned long long)c.first,
-           (unsigned long long)c.visible, (unsigned long long)c.fresh);
+    char note[100];
+    snprintf(note, sizeof note, "first %llu, visible %llu, new %llu of %llu",
+             (unsigned long long)c.first, (unsigned long long)c.visible,
+             (unsigned long long)c.fresh, (unsigned long long)c.all);
+    print_row(r->name, best, against > 0 ? against : best, note);
     pbs_splat_free(s);
     return best;
 }
 
 static void bench_splats(pbs_canvas *canvas, uint32_t surfels) {
-    const row rows[] = {{"without selection", {.whole = true}, 0.02},
-                        {"selection, no coherence", {.afresh = true}, 0.02},
-                        {"selection, coherence", {0}, 0.02},
-                        {"the same in groups of 64", {.group = 64}, 0.02},
-                        {"selection, coherence, still", {0}, 0}};
+    const row rows[] = {{"deferred splatting without selection", {.whole = true}, 0.02},
+                        {"  with selection, against without", {.afresh = true}, 0.02},
+                        {"  and with coherence, against without", {0}, 0.02},
+                        {"  the same in groups of 64", {.group = 64}, 0.02},
+                        {"  with coherence, camera at rest", {0}, 0}};
     pbs_residents *pool;
     pbs_surfels part[2] = {ball(surfels / 4, 0.6), ball(surfels - surfels / 4, 1)};
     pbs_resident nodes[2];
@@ -114,22 +237,10 @@ static void bench_splats(pbs_canvas *canvas, uint32_t surfels) {
     need(pbs_residents_new(&run, &gl, &pool, &err));
     for (int i = 0; i < 2; i++)
         need(pbs_residents_add(pool, &part[i], (uint64_t)i, &nodes[i], &err));
-    printf("splats: %u surfels, %d x %d pixels\n", surfels, WIDTH, HEIGHT);
     for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
         double ms = splat_row(canvas, nodes, 2, &rows[i], whole);
         if (i == 0) whole = ms;
     }
-    double best = INFINITY;
-    for (int i = 0; i < FRAMES; i++) {
-        pbs_frame f = frame_at(0.02 * i);
-        gl.Finish();
-        double t = now_ms();
-        need(pbs_canvas_begin(canvas, &f, &err));
-        need(pbs_canvas_surfels(canvas, part, 2, &err));
-        gl.Finish();
-        if (i) best = fmin(best, now_ms() - t);
-    }
-    printf("%-36s %8.2f ms  %5.2f x\n", "discs, uploaded every frame", best, whole / best);
     for (int i = 0; i < 2; i++) free((void *)part[i].records);
     pbs_residents_free(pool);
 }
@@ -181,10 +292,12 @@ static void reduce_row(pbs_canvas *canvas, const pbs_resident *nodes, size_t cou
     }
     need(pbs_reduce_count(r, &kept, &lost, &err));
     double bytes = (double)points * STRIDE + (double)kept * sizeof(pbs_reduced);
-    printf("reduced to %8llu (lost %llu)  %8.2f ms  %8.4f Mpoints/ms  %7.2f GB/s, %5.1f %% of a "
-           "copy; drawn in %7.2f ms, cast in %7.2f\n",
-           (unsigned long long)kept, (unsigned long long)lost, best, 1e-6 * (double)points / best,
-           1e-6 * bytes / best, 1e-4 * bytes / best / copy, drawn, cast);
+    char note[120];
+    snprintf(note, sizeof note, "%.2f GB/s, %.0f %% of a copy's %.2f; %llu of %llu points kept%s",
+             1e-6 * bytes / best, 1e-4 * bytes / best / copy, copy, (unsigned long long)kept,
+             (unsigned long long)points, lost ? ", others lost" : "");
+    print_row("reduce pass, against a copy of as many bytes", best, 1e-6 * bytes / copy, note);
+    print_row("  points cast, against the rasteriser", cast, drawn, "");
     pbs_reduce_free(r);
 }
 
@@ -203,8 +316,6 @@ static void bench_points(pbs_canvas *canvas, uint64_t points) {
     points = 0;
     for (size_t i = 0; i < count; i++) points += nodes[i].prefix;
     double copy = copy_rate(&nodes[0], (size_t)nodes[0].prefix * STRIDE);
-    printf("points: %llu of %d bytes in %zu nodes; a copy on the device: %.2f GB/s\n",
-           (unsigned long long)points, STRIDE, count, copy);
     for (double spacing = 16; spacing >= 1; spacing /= 4)
         reduce_row(canvas, nodes, count, points, spacing, copy);
     pbs_residents_free(pool);
@@ -216,8 +327,11 @@ int main(int argc, char **argv) {
     need(pbs_gl_context_new(argc > 1 ? argv[1] : "", &context, &gl, &err));
     uint32_t surfels = argc > 2 ? (uint32_t)atol(argv[2]) : gl.software ? 60000 : 4000000;
     uint64_t points = argc > 3 ? (uint64_t)atoll(argv[3]) : gl.software ? 400000 : 100000000;
-    printf("%s\n", gl.device);
+    uint64_t triangles = argc > 4 ? (uint64_t)atoll(argv[4]) : gl.software ? 1000000 : 50000000;
+    printf("%s; %d x %d pixels\n", gl.device, WIDTH, HEIGHT);
+    printf("%-44s %9s %9s %8s\n", "", "ms", "against", "times");
     need(pbs_canvas_new(&run, &gl, &(pbs_canvas_desc){WIDTH, HEIGHT, 1}, &canvas, &err));
+    bench_prefix(canvas, surfels, triangles);
     bench_splats(canvas, surfels);
     bench_points(canvas, points);
     pbs_canvas_free(canvas);

@@ -1,5 +1,5 @@
 # Measured series: columns, rows, counts that are the same each time; paths, eyes, zones, names.
-# memory: 512Mi
+# once: one thread draws; threads and memory of the other programs have cases of their own
 need_gl
 scene s.obj boxes n=3 parts=1
 pbs-gbuffer -q -n 10k s.obj | pbs-sample -q | pbs-flatten -q -o s.pbs
@@ -42,7 +42,7 @@ view --camera 9,4,6,2,2,2,50 -s there.pam s.pbs
 cmp at.pam there.pam && echo "as the camera"
 
 echo "two eyes"
-view --camera 10,10,20,2,2,2 --stereo 10% -s eyes.pam s.pbs
+view --camera 10,10,20,2,2,2 --stereo 10%,0 -s eyes.pam s.pbs
 half() { # FILE FIRST-COLUMN: 80 columns of a picture of 160 x 120
     { printf 'P7\nWIDTH 80\nHEIGHT 120\nDEPTH 4\nMAXVAL 255\nTUPLTYPE RGB_ALPHA\nENDHDR\n'
       tail -c $((160 * 120 * 4)) "$1" | od -An -v -tx1 -w640 | awk -v c="$2" '{ s = ""; for (i = 1; i <= 320; i++) s = s $(i + 4 * c); print s }' | perl -ne 'chomp; print pack "H*", $_'; }
@@ -60,6 +60,16 @@ for eye in left right; do
     at=$(sed -n "$([ $eye = left ] && echo 1p || echo 2p)" cameras)
     pbs-view -q --width 80 --height 120 --camera "$at" -s single.pam s.pbs
     holds "$(ssim $eye.pam single.pam) > 0.98" "the $eye eye's part is the picture of a camera there"
+done
+
+# Both ways to draw that have targets of their own: each eye's part as without the other one.
+for o in off on; do
+    view --camera 10,10,20,2,2,2 --splat $o --stereo 10% -s eyes.pam s.pbs
+    half eyes.pam 0 >left.pam
+    half eyes.pam 80 >right.pam
+    view --camera 10,10,20,2,2,2 --splat $o --stereo 10%,0 -s eyes.pam s.pbs
+    half eyes.pam 0 >parallel.pam
+    holds "$(ssim left.pam right.pam) > $(ssim parallel.pam right.pam)" "splats $o: the eyes meet at the target"
 done
 
 echo "zones"
@@ -102,7 +112,7 @@ status view --window -s x.pam s.pbs
 status view --bench x.tsv -s x.pam s.pbs
 for z in "" 5 5:0 9:1,5:2; do status view --zones "$z" -s x.pam s.pbs; done
 for g in 2,0 1 0,nan; do status view --gaze "$g" -s x.pam s.pbs; done
-for d in 0 -1 1x 5%% inf; do status view --stereo "$d" -s x.pam s.pbs; done
+for d in 0 -1 1x 5%% inf 5%, 5%,-1 5%,1,1; do status view --stereo "$d" -s x.pam s.pbs; done
 status view --pick 5 s.pbs
 status view --frame-time 0 s.pbs
 ls x.* 2>/dev/null

@@ -1,5 +1,5 @@
 # Pictures of point clouds: nodes are drawn with what is above them, as deep as the camera needs.
-# memory: 512Mi
+# once: one thread draws; threads and memory of the other programs have cases of their own
 need_gl
 # A sphere of 30000 points, spread evenly, with 100000 more near its top, and its geometry.
 awk 'BEGIN { n = 30000; m = 100000; for (i = 0; i < n + m; i++) {

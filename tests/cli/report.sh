@@ -1,5 +1,6 @@
 # The report: a page with its tables, made on with after it was stopped; figures that are those of
 # --stats; and a recommendation that works when it is copied, and keeps its error.
+# once: one thread draws; threads and memory of the other programs have cases of their own
 need_gl
 unset PBS_MEMORY # the module for pictures needs more than a little
 mkdir "it's here"

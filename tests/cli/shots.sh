@@ -1,5 +1,5 @@
 # Pictures: rising with the prefix, the same far from the origin and in any unit.
-# memory: 512Mi
+# once: one thread draws; threads and memory of the other programs have cases of their own
 need_gl
 scene s.obj sphere n=60
 scene far.obj sphere n=60 offset=1e7

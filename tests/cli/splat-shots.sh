@@ -1,5 +1,5 @@
 # Deferred splatting and points in one pass: the same picture as discs and as the cut, with less.
-# memory: 768Mi
+# once: one thread draws; threads and memory of the other programs have cases of their own
 need_gl
 scene s.obj sphere n=60
 pbs-gbuffer -q -n 20k s.obj | pbs-sample -n 20k | pbs-flatten -o s.pbs

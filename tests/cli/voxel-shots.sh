@@ -1,6 +1,6 @@
 # Pictures of voxels: like the geometry, without holes, at the level that the camera needs, from an
 # archive as from the stream, and together with surfels.
-# memory: 512Mi
+# once: one thread draws; threads and memory of the other programs have cases of their own
 need_gl
 "$PBS_BUILD/tests/mkvoxels" 512 nw >s.vox
 "$PBS_BUILD/tests/mkvoxels" 64 nw >plain.vox

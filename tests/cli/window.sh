@@ -1,5 +1,5 @@
 # The window, on a display that is only memory: keys, a name, flying, a series, the end.
-# memory: 512Mi
+# once: one thread draws; threads and memory of the other programs have cases of their own
 need_gl
 command -v Xvfb >/dev/null && command -v xdotool >/dev/null || { echo "skip: Xvfb or xdotool is not installed"; exit 0; }
 screen=$(mktemp -d) || exit 1

@@ -101,7 +101,7 @@ TEST(two_eyes_on_one_canvas) {
     pbs_camera camera = begin(c);
     pbs_camera_shift(&camera, 1.5);
     pbs_camera_move(&camera, 0, 0.125, 0.9); /* so near that the square is larger than the part */
-    pbs_canvas_look(c, &camera, WIDTH / 2, WIDTH / 2);
+    pbs_canvas_look(c, &camera, (pbs_columns){WIDTH / 2, WIDTH / 2, WIDTH / 2, WIDTH / 2});
     draw_square(c);
     CHECK(ok(pbs_canvas_end(c, &image, &err)));
     CHECK(covered(&image, 0, WIDTH / 2) == 0);
@@ -109,12 +109,54 @@ TEST(two_eyes_on_one_canvas) {
               covered(&image, WIDTH / 2, WIDTH));
     uint64_t right = covered(&image, WIDTH / 2, WIDTH);
     pbs_free(&run, image.rgba);
-    pbs_canvas_look(c, &camera, 0, WIDTH / 2);
+    pbs_canvas_look(c, &camera, (pbs_columns){0, WIDTH / 2, 0, WIDTH / 2});
     draw_square(c);
     CHECK(ok(pbs_canvas_end(c, &image, &err)));
     CHECK(covered(&image, 0, WIDTH / 2) == right && covered(&image, WIDTH / 2, WIDTH) == right);
     pbs_free(&run, image.rgba);
     pbs_canvas_free(c);
+}
+
+static unsigned programs;
+static PFNGLCREATEPROGRAMPROC create_program;
+static GLuint APIENTRY counted_program(void) {
+    programs++;
+    return create_program();
+}
+
+/* Another size is another picture, as a new canvas would have it, and no program is made for it. */
+TEST(a_canvas_takes_another_size) {
+    if (no_gl()) SKIP(err.text);
+    for (int samples = 1; samples <= 4; samples += 3) {
+        pbs_canvas *fresh = new_canvas(samples), *c = NULL;
+        pbs_canvas_desc d = {WIDTH / 3, 3 * HEIGHT, samples};
+        pbs_image a = {0}, b = {0};
+        begin(fresh);
+        draw_square(fresh);
+        CHECK(ok(pbs_canvas_end(fresh, &a, &err)));
+        CHECK(ok(pbs_canvas_new(&run, &gl, &d, &c, &err)));
+        begin(c);
+        draw_square(c);
+        create_program = gl.CreateProgram;
+        gl.CreateProgram = counted_program;
+        programs = 0;
+        CHECK(pbs_canvas_resize(c, UINT32_MAX, 2, &err) == PBS_LIMIT);
+        CHECK(ok(pbs_canvas_resize(c, 1, 1, &err)));
+        begin(c);
+        draw_square(c);
+        CHECK(ok(pbs_canvas_resize(c, WIDTH, HEIGHT, &err)));
+        CHECK(ok(pbs_canvas_resize(c, WIDTH, HEIGHT, &err)));
+        begin(c);
+        draw_square(c);
+        CHECK(ok(pbs_canvas_end(c, &b, &err)));
+        CHECK(programs == 0 && memcmp(a.rgba, b.rgba, (size_t)4 * WIDTH * HEIGHT) == 0);
+        gl.CreateProgram = create_program;
+        pbs_free(&run, a.rgba);
+        pbs_free(&run, b.rgba);
+        pbs_canvas_free(fresh);
+        pbs_canvas_free(c);
+        CHECK(pbs_mem_used(&run) == 0);
+    }
 }
 
 static pbs_image written(pbs_text *t, pbs_canvas *c, const char *text, int x, int y, int scale) {

@@ -343,8 +343,6 @@ TEST(hidden_branches_are_drawn_coarse_and_nothing_seen_is_lost) {
             }
             CHECK_NUM(all == 64 && f.draw_count == 15 && f.hidden == 7, f.draw_count);
         }
-        pbs_cut_forget(T.cut);
-        CHECK(next_frame(&v).draw_count == all);
         v.occlusion = false;
         CHECK(next_frame(&v).draw_count == all);
     }

@@ -195,11 +195,11 @@ TEST(one_eye_is_the_camera) {
     CHECK(pbs_camera_parse(&c, "0,0,10,0,0,0", &err) == PBS_OK);
     const double none[] = {0, -1, NAN, INFINITY};
     for (int i = 0; i < 4; i++) {
-        pbs_eyes_of(&e, &c, 641, 480, none[i], NULL, gaze);
+        pbs_eyes_of(&e, &c, 641, 480, none[i], 0, NULL, gaze);
         CHECK(e.count == 1 && e.width == 641 && e.left[0] == 0 && e.aspect == 641.0 / 480);
         CHECK(memcmp(&e.camera[0], &c, sizeof c) == 0);
     }
-    pbs_eyes_of(&e, &c, 1, 1, 1, NULL, gaze); /* no room for two */
+    pbs_eyes_of(&e, &c, 1, 1, 1, 1, NULL, gaze); /* no room for two */
     CHECK(e.count == 1);
 }
 
@@ -210,7 +210,7 @@ TEST(two_eyes_share_a_cut) {
     pbs_camera c;
     CHECK(pbs_camera_parse(&c, "0,0,10,0,0,0,40", &err) == PBS_OK);
     pbs_eyes e;
-    pbs_eyes_of(&e, &c, 801, 300, 2, NULL, gaze);
+    pbs_eyes_of(&e, &c, 801, 300, 2, 0, NULL, gaze);
     CHECK(e.count == 2 && e.width == 400 && e.left[0] == 0 && e.left[1] == 400);
     CHECK(e.camera[0].eye[0] == -1 && e.camera[1].eye[0] == 1);
     CHECK(e.camera[0].target[0] == -1 && e.camera[0].unit == c.unit);
@@ -228,6 +228,42 @@ TEST(two_eyes_share_a_cut) {
     CHECK(either > 20 && both > 20);
 }
 
+/* Columns of a point in an eye's part of the picture. */
+static double column_of(const pbs_eyes *e, int i, const double p[3]) {
+    double view[12], q[3];
+    pbs_camera_place(view, &e->camera[i], PBS_IDENTITY);
+    pbs_xform_point(q, view, p);
+    double x = q[0] / -q[2] / (e->camera[i].tan_half * e->aspect);
+    return e->from[i] + (0.5 + 0.5 * x) * e->wide - e->left[i];
+}
+
+/* What is as far away as the focus is at the same place for both eyes; what is nearer is farther to
+ * the left for the right one, what is farther away to the right. Each sees all of its part. */
+TEST(two_eyes_meet_at_the_focus) {
+    const double gaze[2] = {0.5, 0.5};
+    pbs_camera c;
+    CHECK(pbs_camera_parse(&c, "0,0,10,0,0,0,40", &err) == PBS_OK);
+    for (double focus = 4; focus < 100; focus *= 2.5) {
+        pbs_eyes e;
+        pbs_eyes_of(&e, &c, 2000, 500, 0.4, focus, NULL, gaze);
+        for (int i = 0; i < 2; i++)
+            CHECK(e.from[i] <= (int32_t)e.left[i] &&
+                  e.from[i] + (int32_t)e.wide >= (int32_t)(e.left[i] + e.width));
+        for (int i = 0; i < 100; i++) {
+            double p[3] = {uniform(-1, 1), uniform(-1, 1), 10 - focus};
+            double apart = column_of(&e, 1, p) - column_of(&e, 0, p);
+            CHECK_NUM(fabs(apart) <= 1, apart);
+            p[2] = 10 - focus / 2;
+            CHECK(column_of(&e, 1, p) < column_of(&e, 0, p));
+            p[2] = 10 - focus * 2;
+            CHECK(column_of(&e, 1, p) > column_of(&e, 0, p));
+        }
+    }
+    pbs_eyes e;
+    pbs_eyes_of(&e, &c, 2000, 500, 0.4, 1e-30, NULL, gaze); /* within the nose */
+    CHECK(e.wide == 2 * e.width);
+}
+
 /* What one looks at keeps its size; what lies aside grows, with two eyes as the nearer gaze has it.
  */
 TEST(sizes_follow_the_gaze) {
@@ -238,16 +274,16 @@ TEST(sizes_follow_the_gaze) {
     CHECK(pbs_camera_parse(&c, "0,0,10,0,0,0,60", &err) == PBS_OK);
     pbs_box middle = {{-0.1, -0.1, -0.1}, {0.1, 0.1, 0.1}};
     pbs_box side = {{4.9, -0.1, -0.1}, {5.1, 0.1, 0.1}};
-    pbs_eyes_of(&e, &c, 600, 600, 0, &z, (double[2]){0.5, 0.5});
+    pbs_eyes_of(&e, &c, 600, 600, 0, 0, &z, (double[2]){0.5, 0.5});
     CHECK(pbs_eyes_size(&e, 2, &middle, PBS_IDENTITY) == 2);
     CHECK(pbs_eyes_size(&e, 2, &side, PBS_IDENTITY) == 6);
     /* x = 5 at distance 10, half width 5.77: gaze at the right end, nearly. */
-    pbs_eyes_of(&e, &c, 600, 600, 0, &z, (double[2]){0.93, 0.5});
+    pbs_eyes_of(&e, &c, 600, 600, 0, 0, &z, (double[2]){0.93, 0.5});
     CHECK(pbs_eyes_size(&e, 2, &side, PBS_IDENTITY) == 2);
     CHECK(pbs_eyes_size(&e, 2, &middle, PBS_IDENTITY) == 6);
-    pbs_eyes_of(&e, &c, 600, 300, 10, &z, (double[2]){0.5, 0.5});
+    pbs_eyes_of(&e, &c, 600, 300, 10, 0, &z, (double[2]){0.5, 0.5});
     CHECK(pbs_eyes_size(&e, 2, &side, PBS_IDENTITY) == 2); /* the right eye is above it */
-    pbs_eyes_of(&e, &c, 600, 600, 0, NULL, (double[2]){0, 0});
+    pbs_eyes_of(&e, &c, 600, 600, 0, 0, NULL, (double[2]){0, 0});
     CHECK(pbs_eyes_size(&e, 2, &side, PBS_IDENTITY) == 2);
 }
 

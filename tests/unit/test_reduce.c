@@ -5,6 +5,7 @@
 #include "libcore/metrics.h"
 #include "libcore/quant.h"
 #include "tests/check.h"
+#include "tests/residents.h"
 
 #define PI 3.14159265358979323846
 enum { SIDE = 160, NODES = 3, POINTS = 9000, STRIDE = 12 };

@@ -6,6 +6,7 @@
 #include "libcore/metrics.h"
 #include "libcore/quant.h"
 #include "tests/check.h"
+#include "tests/residents.h"
 
 #define PI 3.14159265358979323846
 enum { SIDE = 160, MOST = 40000, STRIDE = 16 };

@@ -119,10 +119,19 @@ static pbs_code load(void *ctx, uint32_t item, pbs_blob *out, pbs_err *e) {
     return rc;
 }
 
+/* Items that are larger than a buffer have parts of 10 MB and what is left, where they may. */
+static bool dividing;
+static uint64_t part(void *ctx, uint32_t item, uint32_t k) {
+    const uint64_t each = 10000000, from = k * each;
+    (void)ctx;
+    if (!dividing || from >= bytes[item]) return 0;
+    return bytes[item] - from < each ? bytes[item] - from : each;
+}
+
 static pbs_store *new_store(uint64_t gpu, uint64_t upload, uint64_t host, bool threaded) {
     pbs_store_desc d = {ITEMS, apart ? expected : bytes, gpu, 1 << 24, upload, host, threaded,
                         apart};
-    pbs_store_source source = {NULL, load};
+    pbs_store_source source = {NULL, load, part};
     pbs_store_gpu table = {NULL, make, fill, drop, make_apart, fill_apart, drop_apart};
     pbs_store *s;
     gpu_has = UINT64_MAX, bad = UINT32_MAX, slow = 0;
@@ -152,7 +161,7 @@ static uint64_t check_bytes(const pbs_store *s) {
     uint64_t sum = 0;
     for (uint32_t i = 0; i < ITEMS; i++) {
         if (!pbs_store_resident(s)[i]) continue;
-        pbs_region r = pbs_store_where(s, i);
+        pbs_region r = pbs_store_where(s, i, 0);
         CHECK(r.size == bytes[i] && r.at % 256 == 0);
         const uint8_t *p = buffer[r.buffer] + r.at;
         CHECK(p[0] == (i & 255) && p[r.size / 2] == (i & 255) && p[r.size - 1] == (i & 255));
@@ -293,6 +302,39 @@ TEST(a_damaged_item_is_asked_for_once) {
     CHECK(pbs_store_trouble(s) && !strcmp(pbs_store_trouble(s), "item 2 is damaged"));
     CHECK(pbs_store_measure(s).failed == 1);
     end(s);
+}
+
+/* Parts come one after the other, within the limits of each frame; what finds no room for all of
+ * them gives the others back, and it ends. */
+TEST(large_items_lie_in_several_buffers) {
+    pbs_cut_need n[3] = {{4, 0, 1}, {9, 1, 1}, {11, 1, 2}};
+    bool busy = true;
+    sizes(1000, 0);
+    bytes[4] = 25000000, bytes[9] = 31000000;
+    dividing = true;
+    pbs_store *s = new_store(70000000, 4000000, 1 << 26, false);
+    for (int frame = 0; busy && frame < 100; frame++) {
+        CHECK(pbs_store_frame(s, n, 3, &busy, &err) == PBS_OK);
+        CHECK(pbs_store_measure(s).uploaded_last <= 4000000);
+    }
+    CHECK(!busy && !pbs_store_trouble(s));
+    for (int i = 0; i < 3; i++) CHECK(pbs_store_resident(s)[n[i].item]);
+    for (uint32_t k = 0; k < 3; k++) {
+        pbs_region r = pbs_store_where(s, 4, k);
+        const uint8_t *p = buffer[r.buffer] + r.at;
+        CHECK(r.size == (k < 2 ? 10000000 : 5000000) && p[0] == 4 && p[r.size - 1] == 4);
+    }
+    CHECK_NUM(pbs_store_measure(s).resident == 56001000, pbs_store_measure(s).resident);
+    end(s);
+    s = new_store(70000000, 0, 1 << 26, false);
+    gpu_has = 30000000; /* the limit allows both, the device one */
+    busy = true;
+    for (int frame = 0; busy && frame < 100; frame++)
+        CHECK(pbs_store_frame(s, n, 3, &busy, &err) == PBS_OK);
+    CHECK(!busy && pbs_store_resident(s)[4] && !pbs_store_resident(s)[9]);
+    CHECK_NUM(pbs_store_measure(s).resident <= 25001000, pbs_store_measure(s).resident);
+    end(s);
+    dividing = false;
 }
 
 TEST(a_device_without_memory_is_a_limit) {
