@@ -70,8 +70,8 @@ static int open_again(const pbs_input *in, const char *path) {
 
 pbs_code pbs_cloud_open_input(pbs_run *run, pbs_input *in, const char *path, pbs_cloud *c,
                               pbs_err *err) {
-    *c = (pbs_cloud){.run = run, .in = *in, .own.fd = -1, .fd = -1, .scale = {1, 1, 1},
-                     .said_low = {1}};
+    *c = (pbs_cloud){
+        .run = run, .in = *in, .own.fd = -1, .fd = -1, .scale = {1, 1, 1}, .said_low = {1}};
     pbs_code rc = pbs_input_map(&c->in, err);
     if (!rc) {
         c->fd = open_again(&c->in, path);

@@ -34,7 +34,8 @@ struct pbs_cloud {
     double offset[3], scale[3]; /* finite; scale not 0 */
     bool lattice;               /* values are integers of 32 bits */
     pbs_cloud_colour colour;
-    /* Values between these, says the file, which may be wrong; low[0] > high[0]: it says nothing. */
+    /* Values between these, says the file, which may be wrong; low[0] > high[0]: it says nothing.
+     */
     double said_low[3], said_high[3];
 
     /* the reader's own */

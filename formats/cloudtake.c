@@ -10,13 +10,11 @@
 #include <string.h>
 
 enum {
-    BATCH = 65536,      /* so many that the points of a cell are usually many */
-    PART = 1024,        /* of it, as numbers of the file */
-    PIECE = 192 << 10,  /* bytes of a file at a time */
-    HELD = 32 << 20,    /* bytes of pages of files */
-    POINTS = 208 << 20, /* bytes of points in memory, and what threads need: else a file */
-    A_THREAD = 16 << 20,
-    THE_REST = 24 << 20,
+    BATCH = 65536,        /* so many that the points of a cell are usually many */
+    PART = 1024,          /* of it, as numbers of the file */
+    PIECE = 192 << 10,    /* bytes of a file at a time */
+    HELD = 32 << 20,      /* bytes of pages of files */
+    IN_MEMORY = 32 << 20, /* bytes of points: a file costs less than as many fresh pages */
     REST_IN_MEMORY = 16 << 20,
     CELLS = 1 << 16 /* that are hoped for */
 };
@@ -449,20 +447,6 @@ static void trim(void *t) {
     pbs_trim_now(t);
 }
 
-/* Room for the points: a file costs a sixth more time. */
-static pbs_code new_room(take *t, pbs_err *err) {
-    pbs_scratch *raw = &t->out->raw;
-    const char *what = "the points";
-    size_t n = (size_t)t->out->count, threads = (size_t)t->run->threads * A_THREAD,
-           left = pbs_mem_left(t->run);
-    size_t most = POINTS > threads ? POINTS - threads : 0;
-    left = left > threads + THE_REST ? left - threads - THE_REST : 0;
-    if (t->out->count > (most < left ? most : left) / sizeof(pbs_clod_raw))
-        return pbs_scratch_file(t->run, n, sizeof(pbs_clod_raw), what, raw, err);
-    *raw = (pbs_scratch){.run = t->run, .fd = -1, .size = n * sizeof(pbs_clod_raw)};
-    return pbs_alloc(t->run, &raw->bytes, raw->size, 1, what, err);
-}
-
 static void free_places(take *t) {
     for (int i = 0; i < t->run->threads && t->seen; i++) {
         pbs_free(t->run, t->seen[i]);
@@ -498,7 +482,8 @@ static pbs_code sort_points(take *t, size_t most, pbs_err *err) {
 /* Cells may turn out to be more than was thought, as their number grows with memory: then the
  * lattice is made coarser still. */
 static pbs_code sort_into_few_cells(take *t, pbs_err *err) {
-    pbs_code rc = new_room(t, err);
+    pbs_code rc = pbs_scratch_within(t->run, (size_t)t->out->count, sizeof(pbs_clod_raw),
+                                     "the points", IN_MEMORY, &t->out->raw, err);
     if (!rc && t->out->raw.is_file)
         pbs_trim_add(&t->out->trim, t->out->raw.bytes, t->out->raw.size);
     size_t most = t->all / 8192 > 2 * CELLS ? (size_t)(t->all / 8192) : 2 * CELLS;

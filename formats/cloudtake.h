@@ -8,7 +8,7 @@
 /* What the files' numbers become: value * mul + add, in steps. */
 typedef struct pbs_cloud_map {
     double mul[3], add[3];
-    bool whole;    /* value + plus, modulo 2^32, is the same */
+    bool whole; /* value + plus, modulo 2^32, is the same */
     uint32_t plus[3];
     int colour_shift;
 } pbs_cloud_map;

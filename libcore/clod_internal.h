@@ -45,8 +45,8 @@ pbs_code pbs_clod_thin_cell(const pbs_clod_store *store, pbs_clod_cell *c, pbs_c
 /* What is left of it: rest_count points. */
 pbs_code pbs_clod_take_rest(const pbs_clod_store *store, const pbs_clod_cell *c, bool colours,
                             pbs_clod_work *w, pbs_clod_rest *out, pbs_err *err);
-/* Appends a cell's border points of at least k to t's, if they matter for the box low .. high. room:
- * for PBS_CLOD_BORDER of them. */
+/* Appends a cell's border points of at least k to t's, if they matter for the box low .. high.
+ * room: for PBS_CLOD_BORDER of them. */
 pbs_code pbs_clod_take_border(pbs_thin *t, const pbs_clod_store *store, const pbs_clod_cell *from,
                               const int64_t low[3], const int64_t high[3], int least,
                               pbs_clod_border *room, pbs_err *err);

@@ -71,8 +71,7 @@ pbs_code pbs_thin_reserve_fixed(pbs_thin *t, size_t more, pbs_err *err) {
                     "points beside a cell", err);
 }
 
-static inline bool same_block(const pbs_thin_set *s, uint32_t i, const pbs_thin_run *r,
-                              int shift) {
+static inline bool same_block(const pbs_thin_set *s, uint32_t i, const pbs_thin_run *r, int shift) {
     return !(((s->x[i] >> shift) ^ r->at[0]) | ((s->y[i] >> shift) ^ r->at[1]) |
              ((s->z[i] >> shift) ^ r->at[2]));
 }

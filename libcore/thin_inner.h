@@ -3,8 +3,8 @@
  *
  * Points in Morton order come block by block, and what a block keeps lies together, so a hash of
  * blocks to ranges finds all that is near the block's candidates. It is copied once, relative to
- * the block's corner, and serves all of them. Sixteen candidates are looked at together, against one
- * point after the other; what they do to each other is decided last, in their order.
+ * the block's corner, and serves all of them. Sixteen candidates are looked at together, against
+ * one point after the other; what they do to each other is decided last, in their order.
  */
 #ifndef PBS_THIN_INNER_H
 #define PBS_THIN_INNER_H
@@ -108,10 +108,9 @@ static inline __m256 between8(f8 v, float low, float high) {
                          _mm256_cmp_ps(v, _mm256_set1_ps(high), _CMP_LE_OQ));
 }
 static inline unsigned within8(const window *w, f8 x, f8 y, f8 z) {
-    return (unsigned)_mm256_movemask_ps(
-        _mm256_and_ps(between8(x, w->low[0], w->high[0]),
-                      _mm256_and_ps(between8(y, w->low[1], w->high[1]),
-                                    between8(z, w->low[2], w->high[2]))));
+    return (unsigned)_mm256_movemask_ps(_mm256_and_ps(
+        between8(x, w->low[0], w->high[0]),
+        _mm256_and_ps(between8(y, w->low[1], w->high[1]), between8(z, w->low[2], w->high[2]))));
 }
 static inline void put_near8(pbs_thin_list *l, unsigned mask, f8 x, f8 y, f8 z, f8 square,
                              __m256i id) {
@@ -137,15 +136,15 @@ static inline void put_near8(pbs_thin_list *l, unsigned mask, f8 x, f8 y, f8 z, 
 #define IDS_AT(p)   _mm256_loadu_si256((const __m256i *)(const void *)(p))
 #define STEP        const __m256i step = _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7)
 #else
-#define LANES           1
-#define FIRST(left)     ((left) > 0)
-#define OF_INTS(p, by)  ((float)(int32_t)((uint32_t) * (p) - (uint32_t)(by)))
-#define FLOATS(p)       (*(p))
-#define ALL(v)          (v)
-#define WITHIN          within
-#define IDS(i)          (i)
-#define IDS_AT(p)       (*(p))
-#define STEP            (void)0
+#define LANES          1
+#define FIRST(left)    ((left) > 0)
+#define OF_INTS(p, by) ((float)(int32_t)((uint32_t) * (p) - (uint32_t)(by)))
+#define FLOATS(p)      (*(p))
+#define ALL(v)         (v)
+#define WITHIN         within
+#define IDS(i)         (i)
+#define IDS_AT(p)      (*(p))
+#define STEP           (void)0
 #define PUT_NEAR(l, mask, x, y, z, square, id)                                                     \
     do {                                                                                           \
         if (mask) put_near(l, x, y, z, square, id);                                                \
@@ -238,14 +237,14 @@ static pbs_code gather(pbs_thin *t, const decided *d, const pbs_thin_run *r, pbs
     for (int64_t z = low[2]; z <= high[2] && !rc; z++)
         for (int64_t y = low[1]; y <= high[1] && !rc; y++) {
             uint64_t row = t->row[z & 63][y & 63], by = (uint64_t)low[0] & 63;
-            bool tail = z >= tail_low[2] && z <= tail_high[2] && y >= tail_low[1] &&
-                        y <= tail_high[1];
+            bool tail =
+                z >= tail_low[2] && z <= tail_high[2] && y >= tail_low[1] && y <= tail_high[1];
             for (row = (row >> by | row << (-by & 63)) & wide; row && !rc; row &= row - 1) {
                 int64_t x = low[0] + __builtin_ctzll(row);
                 const pbs_thin_block *b = find(t, (int32_t)x, (int32_t)y, (int32_t)z);
                 if (b)
-                    rc = take_block(t, d, &s, b, tail && x >= tail_low[0] && x <= tail_high[0],
-                                    err);
+                    rc =
+                        take_block(t, d, &s, b, tail && x >= tail_low[0] && x <= tail_high[0], err);
             }
         }
     return rc;
@@ -340,7 +339,8 @@ static void level_run(pbs_thin *t, const pbs_thin_set *c, const pbs_thin_run *r,
             put_near(&t->kept, b.p[0][j], b.p[1][j], b.p[2][j], INFINITY,
                      kept->count + (uint32_t)__builtin_popcount(stay) - 1);
         }
-        for (uint32_t j = 0; j < b.count; j++) copy_point(c, i + j, stay >> j & 1 ? kept : rejected);
+        for (uint32_t j = 0; j < b.count; j++)
+            copy_point(c, i + j, stay >> j & 1 ? kept : rejected);
     }
 }
 
