@@ -135,7 +135,7 @@ void reader::add_keys(const channel_entry &c, keys &k) {
     k.numbers.shrink(base + kept * (1 + width));
     k.left_out += count - kept;
     if (!kept) fail(err_, PBS_DATA, "no key of an animation can be used");
-    k.channels.push({animation_id_[c.animation], c.path, c.way, (uint32_t)kept, nullptr, nullptr});
+    k.channels.push({c.animation, c.path, c.way, (uint32_t)kept, nullptr, nullptr});
 }
 
 /* Or counts it. */
@@ -173,13 +173,14 @@ uint32_t reader::motion(int n) {
     id = 0;
     if (!sink_->motion) return id;
     keys k = {{run_, "the keys of an animation", err_}, {run_, "the keys of an animation", err_}};
-    send_animations();
     for (uint32_t i = first_channel_[(size_t)n]; i < first_channel_[(size_t)n + 1]; i++)
         add_channel(doc_.channels[channel_[i]], k);
     if (k.left_out) sink_->skip(sink_->ctx, PBS_SKIP_KEY, k.left_out);
     if (k.channels.empty()) return id;
+    send_animations();
     const double *at = k.numbers.data();
     for (pbs_motion_channel &c : k.channels) {
+        c.animation = animation_id_[c.animation];
         c.time = at;
         c.value = at + c.keys;
         at = c.value + (size_t)c.keys * pbs_motion_numbers(c.path, c.way);
