@@ -11,7 +11,7 @@ namespace {
 using pbs::check;
 using pbs::counted;
 
-enum { SPEED = 3 }; /* of 0 to 10; what is below costs a lot and saves next to nothing */
+enum { SPEED = 3 }; /* of 0, the smallest result, to 10, the fastest */
 
 /* The arrays of a mesh that there are, in the order in which they are attributes. Texture
  * coordinates are not called so, for the prediction that they would get takes memory as it is told
