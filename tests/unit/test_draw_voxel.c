@@ -407,6 +407,16 @@ static GLuint texture_in_pieces(const pbs_image *image, bool srgb, uint64_t piec
     return t;
 }
 
+static pbs_image shot_placed(const pbs_frame *f, const pbs_placed_mesh *t, size_t n,
+                             const pbs_palette *palette) {
+    pbs_image image = {0};
+    must(pbs_canvas_begin(canvas, f, &err), &err);
+    must(pbs_canvas_triangles(canvas, t, n, palette, &err), &err);
+    CHECK(pbs_canvas_calls(canvas) == n);
+    must(pbs_canvas_end(canvas, &image, &err), &err);
+    return image;
+}
+
 /* The same with textures, of which a triangle has three, turned and clamped, and the other none. */
 TEST(textured_triangles_out_of_a_buffer) {
     if (no_gl()) SKIP(err.text);
@@ -454,11 +464,7 @@ TEST(textured_triangles_out_of_a_buffer) {
         t[1].texture[i] = texture_in_pieces(&image[i], i != 1, 4 + 12 * (uint64_t)i);
     pbs_frame f = frame_of(PBS_IDENTITY);
     pbs_palette palette = {m, 2};
-    pbs_image expected = shot(&f, NULL, &scene), got = {0};
-    must(pbs_canvas_begin(canvas, &f, &err), &err);
-    must(pbs_canvas_triangles(canvas, t, 2, &palette, &err), &err);
-    CHECK(pbs_canvas_calls(canvas) == 2);
-    must(pbs_canvas_end(canvas, &got, &err), &err);
+    pbs_image expected = shot(&f, NULL, &scene), got = shot_placed(&f, t, 2, &palette);
     pbs_picture_error e;
     CHECK(pbs_picture_compare(&run, &expected, &got, &e, &err) == PBS_OK);
     CHECK_NUM(e.ssim > 0.999 && e.psnr > 45, e.psnr);
@@ -466,9 +472,7 @@ TEST(textured_triangles_out_of_a_buffer) {
     /* Without its textures it looks otherwise: it is they that are compared. */
     memset(t[1].texture, 0, sizeof t[1].texture);
     pbs_free(&run, got.rgba);
-    must(pbs_canvas_begin(canvas, &f, &err), &err);
-    must(pbs_canvas_triangles(canvas, t, 2, &palette, &err), &err);
-    must(pbs_canvas_end(canvas, &got, &err), &err);
+    got = shot_placed(&f, t, 2, &palette);
     CHECK(pbs_picture_compare(&run, &expected, &got, &e, &err) == PBS_OK);
     CHECK_NUM(e.psnr < 30, e.psnr);
     pbs_free(&run, expected.rgba), pbs_free(&run, got.rgba);
