@@ -149,11 +149,11 @@ pbs_code pack_write_meshes(pbs_pack *p, const pack_entry *e, pbs_err *err) {
         if (e->mesh[i].tag != PBS_TAG_MESH) continue;
         rc = pbs_reader_at(e->mesh_reader, &e->mesh[i], &c, err);
         if (!rc && !same) rc = change(p, e, &c, &snapped, err);
-        pbs_piece piece = {c.payload, (size_t)c.bytes};
+        pbs_piece whole = {c.payload, (size_t)c.bytes};
         c.node = e->number;
         c.first = (uint32_t)first;
         first += c.count;
-        if (!rc) rc = pbs_writer_chunk(p->w, &c, &piece, 1, err);
+        if (!rc) rc = pbs_writer_chunk(p->w, &c, &whole, 1, err);
         pbs_free(p->run, snapped);
         p->stats.meshes++;
         p->stats.triangles += c.count;
