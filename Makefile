@@ -35,11 +35,11 @@ ALLCXXFLAGS := -std=c++17 $(common) -fPIC $(opt_$(config)) $(CXXFLAGS)
 ALLLDFLAGS  := $(opt_$(config)) -pthread -Wl,--as-needed $(LDFLAGS)
 LDLIBS      := -lm -ldl
 
-core    := $(patsubst %.c,$(B)/obj/%.o,$(wildcard libcore/*.c))
-formats := $(patsubst %.c,$(B)/obj/%.o,$(wildcard formats/*.c))
+core    := $(patsubst %.c,$(B)/obj/%.o,$(wildcard libcore/*/*.c))
+formats := $(patsubst %.c,$(B)/obj/%.o,$(filter-out formats/foreign/%,$(wildcard formats/*/*.c)))
 tool    := $(patsubst %.c,$(B)/obj/%.o,$(filter-out cmd/pbs-%,$(wildcard cmd/*.c)))
 programs := $(patsubst cmd/%.c,$(B)/bin/%,$(wildcard cmd/pbs-*.c)) $(B)/bin/pbs-view $(B)/bin/pbs-build
-view    := $(patsubst %.c,$(B)/obj/%.o,$(wildcard cmd/pbs-view/*.c))
+view    := $(patsubst %.c,$(B)/obj/%.o,$(wildcard cmd/pbs-view/*.c cmd/pbs-view/*/*.c))
 unit    := $(patsubst tests/unit/%.c,$(B)/tests/%,$(wildcard tests/unit/*.c)) $(B)/tests/test_cgal
 benches := $(patsubst tests/bench/%.c,$(B)/tests/%,$(wildcard tests/bench/bench_*.c))
 
@@ -118,9 +118,9 @@ $(B)/bin/pbs-%: $(B)/obj/cmd/pbs-%.o $(tool) $(B)/libformats.a $(B)/libcore.a
 $(B)/obj/cmd/pbs-view/%.o: cmd/pbs-view/%.c $(B)/gen/shaders.h Makefile
 	@mkdir -p $(@D)
 	$(CC) $(ALLCFLAGS) -I$(B)/gen -c -o $@ $<
-$(B)/gen/shaders.h: scripts/embed $(wildcard cmd/pbs-view/*.glsl)
+$(B)/gen/shaders.h: scripts/embed $(wildcard cmd/pbs-view/shaders/*.glsl)
 	@mkdir -p $(@D)
-	scripts/embed $(wildcard cmd/pbs-view/*.glsl) > $@
+	scripts/embed $(wildcard cmd/pbs-view/shaders/*.glsl) > $@
 
 # A module NAME is formats/foreign/NAME.c or NAME.cpp and NAME_*.cpp, with NAME's flags.
 module_flags = $(flags_$(firstword $(subst _, ,$*)))
@@ -163,7 +163,7 @@ $(B)/tests/bench_view: $(B)/obj/tests/bench/bench_view.o $(filter-out %/main.o,$
     $(B)/libformats.a $(B)/libcore.a
 	@mkdir -p $(@D)
 	$(CC) $(ALLLDFLAGS) -o $@ $^ $(LDLIBS)
-$(B)/tests/bench_%: $(B)/obj/tests/bench/bench_%.o $(B)/obj/cmd/pbs-view/gl.o $(B)/libformats.a $(B)/libcore.a
+$(B)/tests/bench_%: $(B)/obj/tests/bench/bench_%.o $(B)/obj/cmd/pbs-view/draw/gl.o $(B)/libformats.a $(B)/libcore.a
 	@mkdir -p $(@D)
 	$(CC) $(ALLLDFLAGS) -o $@ $^ $(LDLIBS)
 
@@ -190,7 +190,7 @@ bench: all $(benches)
 fuzz: $(modules:%=$(B)/lib/pbs/%.so)
 	@mkdir -p build/fuzz/corpus
 	clang -g -O1 -std=c11 -D_GNU_SOURCE -DPBS_VERSION='"$(VERSION)"' -I. -fsanitize=fuzzer,address,undefined -o build/fuzz/container \
-	    tests/fuzz/fuzz_container.c formats/*.c libcore/*.c -lm -ldl -pthread
+	    tests/fuzz/fuzz_container.c $(filter-out formats/foreign/%,$(wildcard formats/*/*.c)) libcore/*/*.c -lm -ldl -pthread
 	PBS_MODULES=$(B)/lib/pbs build/fuzz/container -max_total_time=60 -max_len=8192 -timeout=10 build/fuzz/corpus
 lint:
 	@scripts/lint

@@ -1,5 +1,5 @@
 #include "cmd/depend.h"
-#include "formats/file.h"
+#include "formats/container/file.h"
 #include <stdlib.h>
 
 #define SOURCE " \t#:"

@@ -2,7 +2,7 @@
 #ifndef PBS_DEPEND_H
 #define PBS_DEPEND_H
 
-#include "libcore/run.h"
+#include "libcore/ground/run.h"
 
 typedef struct pbs_depend {
     char **paths;

@@ -1,7 +1,7 @@
 /* pbs-compare: how far a picture is from the truth. */
 #include "cmd/tool.h"
-#include "formats/image.h"
-#include "libcore/metrics.h"
+#include "formats/readers/image.h"
+#include "libcore/measures/metrics.h"
 #include <math.h>
 #include <stdio.h>
 #include <string.h>

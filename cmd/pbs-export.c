@@ -1,6 +1,6 @@
 /* pbs-export: points and voxels for other people's programs. */
 #include "cmd/tool.h"
-#include "formats/export.h"
+#include "formats/export/export.h"
 #include <string.h>
 #include <strings.h>
 

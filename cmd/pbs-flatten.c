@@ -1,9 +1,9 @@
 /* pbs-flatten: surfels, voxels, point clouds and scenes into one archive in the player's order. */
 #include "cmd/notes.h"
 #include "cmd/tool.h"
-#include "formats/archive.h"
-#include "formats/meshbits.h"
-#include "formats/pack.h"
+#include "formats/archive/archive.h"
+#include "formats/scene/meshbits.h"
+#include "formats/archive/pack.h"
 
 typedef struct options {
     int codec; /* pbs_codec */

@@ -2,10 +2,10 @@
  * 3.1 and 3.4). */
 #include "cmd/notes.h"
 #include "cmd/tool.h"
-#include "formats/exr.h"
-#include "formats/hierarchy.h"
-#include "formats/points.h"
-#include "libcore/gbuffer.h"
+#include "formats/surfels/exr.h"
+#include "formats/surfels/hierarchy.h"
+#include "formats/surfels/points.h"
+#include "libcore/gbuffer/gbuffer.h"
 #include <stdio.h>
 #include <string.h>
 

@@ -2,7 +2,7 @@
 #include "cmd/depend.h"
 #include "cmd/notes.h"
 #include "cmd/tool.h"
-#include "formats/scene.h"
+#include "formats/scene/scene.h"
 #include <string.h>
 
 typedef struct options {

@@ -1,8 +1,8 @@
 /* pbs-info: what is in a pbs file, a line a chunk. */
 #include "cmd/tool.h"
-#include "formats/archive.h"
-#include "formats/check.h"
-#include "formats/meshbits.h"
+#include "formats/archive/archive.h"
+#include "formats/archive/check.h"
+#include "formats/scene/meshbits.h"
 #include <inttypes.h>
 #include <stdio.h>
 #include <string.h>

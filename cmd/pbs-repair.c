@@ -1,7 +1,7 @@
 /* pbs-repair: a scene whose parts are oriented meshes. */
 #include "cmd/notes.h"
 #include "cmd/tool.h"
-#include "formats/mend.h"
+#include "formats/scene/mend.h"
 
 typedef struct options {
     uint64_t fill, split;

@@ -1,13 +1,13 @@
 /* pbs-sample: candidates to ordered surfels (paper 1, sections 3.2 and 3.4), node by node. */
 #include "cmd/quality.h"
 #include "cmd/tool.h"
-#include "formats/below.h"
-#include "formats/exr.h"
-#include "formats/node.h"
-#include "formats/points.h"
-#include "libcore/lod.h"
-#include "libcore/sample.h"
-#include "libcore/spacing.h"
+#include "formats/surfels/below.h"
+#include "formats/surfels/exr.h"
+#include "formats/scene/node.h"
+#include "formats/surfels/points.h"
+#include "libcore/gbuffer/lod.h"
+#include "libcore/surfels/sample.h"
+#include "libcore/measures/spacing.h"
 #include <string.h>
 #include <strings.h>
 

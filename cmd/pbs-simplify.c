@@ -1,6 +1,6 @@
 /* pbs-simplify: voxels of the finest level to all levels (paper 2, section 3). */
 #include "cmd/tool.h"
-#include "formats/simplify.h"
+#include "formats/voxels/simplify.h"
 
 typedef struct options {
     uint64_t least, levels;

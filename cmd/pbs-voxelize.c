@@ -1,10 +1,10 @@
 /* pbs-voxelize: a scene's surface as voxels (paper 2, section 3). */
 #include "cmd/notes.h"
 #include "cmd/tool.h"
-#include "formats/blocks.h"
-#include "formats/voxelstream.h"
-#include "libcore/fidelity.h"
-#include "libcore/pipe.h"
+#include "formats/voxels/blocks.h"
+#include "formats/voxels/voxelstream.h"
+#include "libcore/measures/fidelity.h"
+#include "libcore/ground/pipe.h"
 #include <float.h>
 #include <string.h>
 

@@ -1,5 +1,5 @@
 #include "cmd/quality.h"
-#include "libcore/measure.h"
+#include "libcore/measures/measure.h"
 #include <stdio.h>
 #include <string.h>
 

@@ -2,9 +2,9 @@
 #ifndef PBS_QUALITY_H
 #define PBS_QUALITY_H
 #include "cmd/tool.h"
-#include "formats/cache.h"
-#include "formats/node.h"
-#include "formats/octaves.h"
+#include "formats/container/cache.h"
+#include "formats/scene/node.h"
+#include "formats/surfels/octaves.h"
 
 typedef struct pbs_quality {
     pbs_run *run;

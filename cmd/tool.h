@@ -3,8 +3,8 @@
 #ifndef PBS_TOOL_H
 #define PBS_TOOL_H
 
-#include "libcore/cli.h"
-#include "libcore/run.h"
+#include "libcore/ground/cli.h"
+#include "libcore/ground/run.h"
 
 typedef struct pbs_app {
     const pbs_tool *tool;

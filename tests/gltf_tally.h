@@ -3,7 +3,7 @@
 #ifndef PBS_GLTF_TALLY_H
 #define PBS_GLTF_TALLY_H
 
-#include "formats/module.h"
+#include "formats/readers/module.h"
 #include "tests/check.h"
 #include <fcntl.h>
 #include <math.h>

@@ -4,9 +4,9 @@
 #ifndef PBS_TESTS_RESIDENTS_H
 #define PBS_TESTS_RESIDENTS_H
 
-#include "cmd/pbs-view/numbers.h"
-#include "cmd/pbs-view/resident.h"
-#include "libcore/average.h"
+#include "cmd/pbs-view/plan/numbers.h"
+#include "cmd/pbs-view/draw/resident.h"
+#include "libcore/surfels/average.h"
 
 enum { RESIDENTS_BLOCK = 32 << 20 }; /* bytes of a buffer, unless one node needs more */
 

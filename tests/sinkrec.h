@@ -3,7 +3,7 @@
 #ifndef PBS_SINKREC_H
 #define PBS_SINKREC_H
 
-#include "formats/sink.h"
+#include "formats/readers/sink.h"
 #include "tests/check.h"
 
 typedef struct rec_triangle {

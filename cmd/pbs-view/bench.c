@@ -1,5 +1,5 @@
 #include "cmd/pbs-view/bench.h"
-#include "libcore/metrics.h"
+#include "libcore/measures/metrics.h"
 #include <inttypes.h>
 #include <stdarg.h>
 #include <stdio.h>

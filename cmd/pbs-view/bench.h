@@ -4,10 +4,10 @@
 #ifndef PBS_BENCH_H
 #define PBS_BENCH_H
 
-#include "cmd/pbs-view/count.h"
+#include "cmd/pbs-view/draw/count.h"
 #include "cmd/pbs-view/play.h"
-#include "cmd/pbs-view/timer.h"
-#include "formats/file.h"
+#include "cmd/pbs-view/draw/timer.h"
+#include "formats/container/file.h"
 
 /* Of a frame; NaN: not measured. */
 enum { PBS_BENCH_REALS = 8 };

@@ -3,8 +3,8 @@
 #define PBS_INPUT_H
 
 #include "cmd/pbs-view/bench.h"
-#include "cmd/pbs-view/draw_probe.h"
-#include "cmd/pbs-view/draw_text.h"
+#include "cmd/pbs-view/draw/draw_probe.h"
+#include "cmd/pbs-view/draw/draw_text.h"
 #include "cmd/pbs-view/overlay.h"
 #define GLFW_INCLUDE_NONE
 #include <GLFW/glfw3.h>

@@ -2,12 +2,12 @@
  * as a series of pictures that is measured. */
 #include "cmd/notes.h"
 #include "cmd/pbs-view/bench.h"
-#include "cmd/pbs-view/draw_text.h"
+#include "cmd/pbs-view/draw/draw_text.h"
 #include "cmd/pbs-view/keys.h"
 #include "cmd/pbs-view/overlay.h"
 #include "cmd/pbs-view/window.h"
 #include "cmd/tool.h"
-#include "formats/image.h"
+#include "formats/readers/image.h"
 #include <math.h>
 #include <stdio.h>
 

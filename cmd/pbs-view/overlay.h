@@ -2,7 +2,7 @@
 #ifndef PBS_OVERLAY_H
 #define PBS_OVERLAY_H
 
-#include "cmd/pbs-view/count.h"
+#include "cmd/pbs-view/draw/count.h"
 #include "cmd/pbs-view/show.h"
 
 typedef struct pbs_overlay {

@@ -1,6 +1,6 @@
 #include "cmd/pbs-view/play.h"
-#include "cmd/pbs-view/draw_probe.h"
-#include "cmd/pbs-view/pick.h"
+#include "cmd/pbs-view/draw/draw_probe.h"
+#include "cmd/pbs-view/plan/pick.h"
 #include <stdlib.h>
 
 static bool number(const char **p, double *v) {

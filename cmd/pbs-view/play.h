@@ -3,8 +3,8 @@
 #ifndef PBS_PLAY_H
 #define PBS_PLAY_H
 
-#include "cmd/pbs-view/control.h"
-#include "cmd/pbs-view/path.h"
+#include "cmd/pbs-view/plan/control.h"
+#include "cmd/pbs-view/plan/path.h"
 #include "cmd/pbs-view/show.h"
 
 typedef struct pbs_play_options {

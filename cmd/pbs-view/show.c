@@ -1,5 +1,5 @@
 #include "cmd/pbs-view/show.h"
-#include "formats/dag.h"
+#include "formats/scene/dag.h"
 #include <string.h>
 
 static uint64_t own_moving(const void *ctx, uint32_t node) {

@@ -3,11 +3,11 @@
 #ifndef PBS_SHOW_H
 #define PBS_SHOW_H
 
-#include "cmd/pbs-view/draw.h"
-#include "cmd/pbs-view/player.h"
-#include "cmd/pbs-view/eyes.h"
-#include "cmd/pbs-view/poses.h"
-#include "formats/scene.h"
+#include "cmd/pbs-view/draw/draw.h"
+#include "cmd/pbs-view/stream/player.h"
+#include "cmd/pbs-view/plan/eyes.h"
+#include "cmd/pbs-view/plan/poses.h"
+#include "formats/scene/scene.h"
 
 typedef struct pbs_show_options {
     const char *shot, *camera, *device;

@@ -1,6 +1,6 @@
 /* window.c: the window's life: opening, what is drawn when, closing. Input is in input.c. */
 #include "cmd/pbs-view/window.h"
-#include "cmd/pbs-view/draw_text.h"
+#include "cmd/pbs-view/draw/draw_text.h"
 #include "cmd/pbs-view/input.h"
 #include <dlfcn.h>
 #include <stdio.h>

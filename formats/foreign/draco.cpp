@@ -1,6 +1,6 @@
 /* draco.cpp: module draco: meshes of whole numbers, packed with Draco's edgebreaker. Attributes are
  * given to it as integers, which it does not round. */
-#include "formats/module.h"
+#include "formats/readers/module.h"
 #include "formats/foreign/guard.hpp"
 #include <draco/compression/expert_encode.h>
 #include <draco/compression/mesh/mesh_edgebreaker_decoder.h>

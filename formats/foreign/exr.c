@@ -2,7 +2,7 @@
  *
  * Writing is ZIP at level 1, which is 1.6 times as fast as the usual level 4 and a tenth larger:
  * these files are for looking at, not for keeping. */
-#include "formats/module.h"
+#include "formats/readers/module.h"
 #include <limits.h>
 #include <math.h>
 #include <openexr.h>

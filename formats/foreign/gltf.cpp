@@ -5,7 +5,7 @@
  * below (cameras, lights, bones) leave no trace. Skins show their bind pose, morph targets their
  * base. */
 #include "formats/foreign/gltf.hpp"
-#include "formats/module.h"
+#include "formats/readers/module.h"
 #include <cmath>
 #include <cstring>
 

@@ -14,7 +14,7 @@
 #include <tiny_gltf.h>
 
 #include "formats/foreign/gltf_doc.hpp"
-#include "formats/sink.h"
+#include "formats/readers/sink.h"
 #include <vector>
 
 namespace pbs::gltf {

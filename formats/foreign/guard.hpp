@@ -6,8 +6,8 @@
 #ifndef PBS_GUARD_HPP
 #define PBS_GUARD_HPP
 
-#include "libcore/err.h"
-#include "libcore/run.h"
+#include "libcore/ground/err.h"
+#include "libcore/ground/run.h"
 #include <cstdarg>
 #include <cstdio>
 #include <exception>

@@ -1,6 +1,6 @@
 /* image.cpp: the module "image": OpenImageIO, from memory to 8 bits a channel and back. */
 #include "formats/foreign/guard.hpp"
-#include "formats/module.h"
+#include "formats/readers/module.h"
 #include <OpenImageIO/filesystem.h>
 #include <OpenImageIO/imageio.h>
 #include <cstring>

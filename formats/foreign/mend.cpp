@@ -9,7 +9,7 @@
 #define CGAL_HOLE_FILLING_DO_NOT_USE_DT3
 #define CGAL_HOLE_FILLING_DO_NOT_USE_CDT2
 #include "formats/foreign/mend.hpp"
-#include "libcore/rng.h"
+#include "libcore/data/rng.h"
 #include <CGAL/AABB_face_graph_triangle_primitive.h>
 #include <CGAL/AABB_traits.h>
 #include <CGAL/AABB_tree.h>

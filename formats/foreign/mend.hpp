@@ -3,7 +3,7 @@
 #define PBS_MEND_HPP
 
 #include "formats/foreign/guard.hpp"
-#include "formats/module.h"
+#include "formats/readers/module.h"
 #include <array>
 #include <cstdint>
 #include <vector>

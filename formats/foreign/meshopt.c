@@ -1,6 +1,6 @@
 /* meshopt.c: module meshopt: arrays of records packed with meshoptimizer's codecs. Its functions
  * only assert what they expect of sizes, so that codec.c has looked at those. */
-#include "formats/module.h"
+#include "formats/readers/module.h"
 #include <meshoptimizer.h>
 
 enum { INDEX = 2 }; /* the stride of indices; records have multiples of 4 */

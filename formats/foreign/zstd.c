@@ -1,5 +1,5 @@
 /* zstd.c: module zstd: bytes packed with libzstd. */
-#include "formats/module.h"
+#include "formats/readers/module.h"
 #include <zstd.h>
 
 static size_t bound(size_t n) {

@@ -7,7 +7,7 @@
  * bench_cloud POINTS TO.las   writes the terrain, 34 bytes a point, and does nothing else
  *
  * Files go to $TMPDIR. */
-#include "formats/cloudpack.h"
+#include "formats/archive/cloudpack.h"
 #include "tests/cloudfile.h"
 #include <math.h>
 #include <time.h>

@@ -1,7 +1,7 @@
 /* bench_codec ARCHIVE REPEAT: the data of an archive without a codec, packed with each: its share
  * that is left, and megabytes (unpacked) per CPU second of packing, and of unpacking, the best of
  * REPEAT for each chunk. What does not become smaller stays as it is and takes no time. */
-#include "formats/archive.h"
+#include "formats/archive/archive.h"
 #include <stdio.h>
 #include <stdlib.h>
 #include <time.h>

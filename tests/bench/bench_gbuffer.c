@@ -1,8 +1,8 @@
 /* The G-buffer of a million triangles, eight views of 1024 x 1024, against software GL doing the
  * same job. CPU time of the whole process (user and system), minimum of several runs. */
-#include "cmd/pbs-view/gl.h"
-#include "libcore/gbuffer.h"
-#include "libcore/raster.h"
+#include "cmd/pbs-view/draw/gl.h"
+#include "libcore/gbuffer/gbuffer.h"
+#include "libcore/gbuffer/raster.h"
 #include <stdio.h>
 #include <stdlib.h>
 #include <sys/resource.h>

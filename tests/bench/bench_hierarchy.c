@@ -7,9 +7,9 @@
  * their side (n.n' > 0) within 1.25 R, where R is the smallest of the covering radii, for all.
  * Ratios are to the surfels named first; radii also relative to the diagonal of the root's
  * box. */
-#include "formats/node.h"
-#include "formats/points.h"
-#include "libcore/cover.h"
+#include "formats/scene/node.h"
+#include "formats/surfels/points.h"
+#include "libcore/surfels/cover.h"
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

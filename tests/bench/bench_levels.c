@@ -11,10 +11,10 @@
  * the distance to the nearest other point; the largest distance of the surface from a point (holes)
  * and its 99th percentile; how far the number of points in balls of radius 3 s scatters over the
  * surface, standard deviation over mean. */
-#include "libcore/evenness.h"
-#include "libcore/rng.h"
-#include "libcore/sample.h"
-#include "libcore/thin.h"
+#include "libcore/measures/evenness.h"
+#include "libcore/data/rng.h"
+#include "libcore/surfels/sample.h"
+#include "libcore/clouds/thin.h"
 #include "tests/bench/bench_scene.h"
 #include <stdio.h>
 #include <string.h>

@@ -5,8 +5,8 @@
  * on a machine that does other work it says little. The paper's heuristic is timed without its
  * covering radius, which the greedy method knows for nothing. What was asked for stands at the end
  * of a line. */
-#include "libcore/heuristic.h"
-#include "libcore/sample.h"
+#include "libcore/surfels/heuristic.h"
+#include "libcore/surfels/sample.h"
 #include "tests/bench/bench_scene.h"
 #include <stdio.h>
 #include <time.h>

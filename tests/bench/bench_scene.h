@@ -2,8 +2,8 @@
  * grids of several views, which is what G-buffers give. */
 #ifndef PBS_BENCH_SCENE_H
 #define PBS_BENCH_SCENE_H
-#include "libcore/record.h"
-#include "libcore/vec.h"
+#include "libcore/data/record.h"
+#include "libcore/data/vec.h"
 #include <stdlib.h>
 
 static void *need(size_t count, size_t size) {

@@ -6,9 +6,9 @@
  *
  * DEVICE as pbs-view has it. Without numbers they are small enough for a software renderer where
  * there is only that. */
-#include "cmd/pbs-view/reduce.h"
-#include "cmd/pbs-view/splat.h"
-#include "libcore/quant.h"
+#include "cmd/pbs-view/draw/reduce.h"
+#include "cmd/pbs-view/draw/splat.h"
+#include "libcore/data/quant.h"
 #include "tests/residents.h"
 #include <stdio.h>
 #include <stdlib.h>

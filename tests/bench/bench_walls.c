@@ -4,9 +4,9 @@
  * A candidate is a wrong-side hole if no surfel of the prefix is on its side (n.n' > 0) within
  * 1.25 R; R is the covering radius of the same prefix by plain Euclid, for both. Of each file the
  * first node with candidates is taken; without files, those of bench_scene.h. */
-#include "formats/points.h"
-#include "libcore/average.h"
-#include "libcore/measure.h"
+#include "formats/surfels/points.h"
+#include "libcore/surfels/average.h"
+#include "libcore/measures/measure.h"
 #include "tests/bench/bench_scene.h"
 #include <stdio.h>
 #include <time.h>

@@ -4,7 +4,7 @@ cd "$PBS_TOP" || exit 1
 bad=0
 literals() { grep -ohE '(pbs_stat_count|pbs_stat_real|stat_median)\([^"]*"[a-z_0-9]+"' "$@" | grep -oE '"[a-z_0-9]+"' | tr -d '"'; }
 sources() { # of a program's own measures
-    if [ "$1" = pbs-view ]; then ls cmd/pbs-view/*.c; else echo "cmd/$1.c"; fi
+    if [ "$1" = pbs-view ]; then find cmd/pbs-view -name '*.c'; else echo "cmd/$1.c"; fi
 }
 of_program() { # PROGRAM
     local files
@@ -15,7 +15,7 @@ of_program() { # PROGRAM
         if grep -q 'pbs_stat_record(' $files; then printf '%s\n' channels record_bytes; fi
         if grep -q 'pbs_note_skips(' $files; then echo skipped_...; fi
         if grep -q 'pbs_failures_end(' $files; then echo left_out; fi
-        if grep -q 'pbs_mend_count_name' $files; then sed -n '/pbs_mend_count_name\[/,/;/p' formats/mend.c | grep -oE '"[a-z_]+"' | tr -d '"'; fi
+        if grep -q 'pbs_mend_count_name' $files; then sed -n '/pbs_mend_count_name\[/,/;/p' formats/scene/mend.c | grep -oE '"[a-z_]+"' | tr -d '"'; fi
     } | sort -u
 }
 of_page() { # PAGE SECTION

@@ -5,7 +5,7 @@
  *     fuzz_container FILE...        replays files
  *     fuzz_container --seeds DIR    writes small valid files to begin with
  */
-#include "formats/archive.h"
+#include "formats/archive/archive.h"
 #include "tests/unit/support.h"
 #include "tests/unit/latticed.h"
 

@@ -24,9 +24,9 @@ TEST(voxels_cgal) {
 /* These headers are C's. */
 #define _Alignas alignas
 extern "C" {
-#include "libcore/clip.h"
-#include "libcore/rng.h"
-#include "libcore/separate.h"
+#include "libcore/voxels/clip.h"
+#include "libcore/data/rng.h"
+#include "libcore/voxels/separate.h"
 }
 
 using kernel = CGAL::Exact_predicates_exact_constructions_kernel;

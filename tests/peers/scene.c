@@ -1,7 +1,7 @@
 /* scene IN OUT.ply: all triangles of a scene, each instance at its place, relative to the middle of
  * the whole, with the normals of corners if all of its meshes have them; without colours. This is
  * the input of all programs alike. */
-#include "formats/scene.h"
+#include "formats/scene/scene.h"
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>

@@ -1,7 +1,7 @@
 /* block_shapes.h: meshes for the tests of blocks, and what comes out of a block. */
 #ifndef PBS_BLOCK_SHAPES_H
 #define PBS_BLOCK_SHAPES_H
-#include "libcore/block_inner.h"
+#include "libcore/voxels/block_inner.h"
 #include "tests/check.h"
 
 /* ---- meshes ---- */

@@ -1,9 +1,9 @@
 /* cloud.h: candidates for the tests of averages and measures: shapes, ties, walls, bad numbers. */
 #ifndef PBS_CLOUD_H
 #define PBS_CLOUD_H
-#include "libcore/rng.h"
-#include "libcore/sample.h"
-#include "libcore/vec.h"
+#include "libcore/data/rng.h"
+#include "libcore/surfels/sample.h"
+#include "libcore/data/vec.h"
 #include "tests/check.h"
 
 enum { MOST = 140000, CLOUDS = 9 };

@@ -2,7 +2,7 @@
 #ifndef PBS_GBUFFER_SHAPE_H
 #define PBS_GBUFFER_SHAPE_H
 
-#include "libcore/gbuffer.h"
+#include "libcore/gbuffer/gbuffer.h"
 #include "tests/check.h"
 
 /* ---- random numbers and meshes ---- */

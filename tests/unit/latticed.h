@@ -3,8 +3,8 @@
 #ifndef PBS_TEST_LATTICED_H
 #define PBS_TEST_LATTICED_H
 
-#include "formats/meshbits.h"
-#include "formats/meshbuild.h"
+#include "formats/scene/meshbits.h"
+#include "formats/scene/meshbuild.h"
 #include <math.h>
 
 static inline uint32_t noise(uint64_t x) {

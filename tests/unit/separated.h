@@ -1,8 +1,8 @@
-/* separated.h: random triangles, and the cells that libcore/separate.c finds for them. */
+/* separated.h: random triangles, and the cells that libcore/voxels/separate.c finds for them. */
 #ifndef PBS_TESTS_SEPARATED_H
 #define PBS_TESTS_SEPARATED_H
-#include "libcore/rng.h"
-#include "libcore/separate.h"
+#include "libcore/data/rng.h"
+#include "libcore/voxels/separate.h"
 #include "tests/check.h"
 
 enum { SIDE = PBS_BLOCK + 2, CELLS = SIDE * SIDE * SIDE };

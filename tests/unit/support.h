@@ -4,13 +4,13 @@
 #ifndef PBS_SUPPORT_H
 #define PBS_SUPPORT_H
 
-#include "formats/check.h"
-#include "formats/layout.h"
-#include "formats/module.h"
-#include "formats/node.h"
-#include "formats/points.h"
-#include "formats/scene.h"
-#include "formats/wire.h"
+#include "formats/archive/check.h"
+#include "formats/container/layout.h"
+#include "formats/readers/module.h"
+#include "formats/scene/node.h"
+#include "formats/surfels/points.h"
+#include "formats/scene/scene.h"
+#include "formats/container/wire.h"
 #include <fcntl.h>
 #include <stdio.h>
 #include <stdlib.h>

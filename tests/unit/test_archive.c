@@ -1,5 +1,5 @@
 /* An archive is opened by its index alone, and its data fetched from any thread. */
-#include "formats/archive.h"
+#include "formats/archive/archive.h"
 #include "tests/unit/support.h"
 #include "tests/check.h"
 #include <pthread.h>

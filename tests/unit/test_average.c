@@ -1,6 +1,6 @@
 /* Octaves against their definition: every candidate asked for its nearest surfel. */
-#include "libcore/average.h"
-#include "libcore/cover.h"
+#include "libcore/surfels/average.h"
+#include "libcore/surfels/cover.h"
 #include "tests/unit/cloud.h"
 
 static cloud c;

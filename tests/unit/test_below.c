@@ -1,8 +1,8 @@
 /* Surfels that are kept come back, and prefixes are what a search from the first to the last finds;
  * candidates from the nodes below lie where they are placed, without what is hidden. */
-#include "formats/below.h"
-#include "libcore/lod.h"
-#include "libcore/sample.h"
+#include "formats/surfels/below.h"
+#include "libcore/gbuffer/lod.h"
+#include "libcore/surfels/sample.h"
 #include "tests/unit/support.h"
 #include "tests/check.h"
 

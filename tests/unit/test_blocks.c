@@ -1,7 +1,7 @@
 /* The walk over blocks against brute force: every triangle near a block is visited once for each
  * placing, whatever the memory and the numbers; the box of a scene. */
-#include "formats/blocks.h"
-#include "formats/dag.h"
+#include "formats/voxels/blocks.h"
+#include "formats/scene/dag.h"
 #include "tests/check.h"
 #include "tests/unit/parts.h"
 

@@ -1,7 +1,7 @@
 /* The walk over blocks at its limits: memory, threads, hierarchies that stand for more than fits
  * anywhere, numbers that overflow; and which side of parts is out. */
-#include "formats/blocks.h"
-#include "libcore/pipe.h"
+#include "formats/voxels/blocks.h"
+#include "libcore/ground/pipe.h"
 #include "tests/check.h"
 #include "tests/unit/parts.h"
 

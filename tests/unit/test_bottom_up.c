@@ -1,8 +1,8 @@
 /* Surfels from surfels against surfels from geometry, over three levels: as even, and as near to
  * the surface. */
-#include "formats/below.h"
-#include "formats/hierarchy.h"
-#include "libcore/sample.h"
+#include "formats/surfels/below.h"
+#include "formats/surfels/hierarchy.h"
+#include "libcore/surfels/sample.h"
 #include "tests/unit/scenes.h"
 #include "tests/check.h"
 

@@ -1,6 +1,6 @@
 /* The cache against what can happen to its files: other keys, damage, other processes, a limit; and
  * around the sampler, as pbs-sample uses it. */
-#include "formats/cache.h"
+#include "formats/container/cache.h"
 #include "tests/check.h"
 #include <dirent.h>
 #include <fcntl.h>

@@ -1,9 +1,9 @@
 /* What stands beside the painters: depth under a pixel, text, times, counts, a device that is lost.
  * Needs a GL (Mesa's software will do). */
-#include "cmd/pbs-view/count.h"
-#include "cmd/pbs-view/draw_probe.h"
-#include "cmd/pbs-view/draw_text.h"
-#include "cmd/pbs-view/timer.h"
+#include "cmd/pbs-view/draw/count.h"
+#include "cmd/pbs-view/draw/draw_probe.h"
+#include "cmd/pbs-view/draw/draw_text.h"
+#include "cmd/pbs-view/draw/timer.h"
 #include "tests/check.h"
 #include <stdio.h>
 

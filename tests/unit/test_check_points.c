@@ -1,7 +1,7 @@
 /* The promise of clouds, behind right checksums: points that come too near to another of their own
  * node, of a node above, or of one beside, spacings that are none, points outside of their box; and
  * what is right passes, in bounded memory. */
-#include "formats/cloudpack.h"
+#include "formats/archive/cloudpack.h"
 #include "tests/unit/support.h"
 #include "tests/check.h"
 #include "tests/cloudfile.h"

@@ -1,6 +1,6 @@
 /* The command line: every form, every type, hostile numbers, the exact texts of the errors (they
  * are the user interface), provenance and help. */
-#include "libcore/cli.h"
+#include "libcore/ground/cli.h"
 #include "tests/check.h"
 #include <math.h>
 

@@ -1,7 +1,7 @@
 /* test_clip.c: the cells of triangles against integers, areas against a clipper in long double, and
  * laws. */
-#include "libcore/clip.h"
-#include "libcore/rng.h"
+#include "libcore/voxels/clip.h"
+#include "libcore/data/rng.h"
 #include "tests/check.h"
 #include <time.h>
 

@@ -1,10 +1,10 @@
 /* Levels of point clouds: every point once, no two of a level or coarser ones nearer than its
  * spacing wherever the borders of cells are, levels as full as they can be, the same for any number
  * of threads; colours against the filtered truth; hostile clouds. */
-#include "libcore/clod.h"
-#include "libcore/quant.h"
-#include "libcore/srgb.h"
-#include "libcore/vec.h"
+#include "libcore/clouds/clod.h"
+#include "libcore/data/quant.h"
+#include "libcore/data/srgb.h"
+#include "libcore/data/vec.h"
 #include "tests/check.h"
 #include <math.h>
 

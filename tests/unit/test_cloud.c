@@ -1,6 +1,6 @@
 /* Readers of point clouds: every version and point format of LAS, PLY in all encodings, text in all
  * its dialects; what is cut off, damaged or of another kind has its own message. */
-#include "formats/cloud.h"
+#include "formats/readers/cloud.h"
 #include "tests/check.h"
 #include "tests/cloudfile.h"
 #include <math.h>

@@ -1,9 +1,9 @@
 /* Point clouds as archives: every point of the file is there, where it was; no two that a spacing
  * promises are closer; nodes are nested and their prefixes coarse; the same bytes for any number of
  * threads and any memory. */
-#include "formats/archive.h"
-#include "formats/check.h"
-#include "formats/cloudpack.h"
+#include "formats/archive/archive.h"
+#include "formats/archive/check.h"
+#include "formats/archive/cloudpack.h"
 #include "tests/check.h"
 #include "tests/cloudfile.h"
 #include <math.h>

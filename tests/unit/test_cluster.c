@@ -1,8 +1,8 @@
 /* Clusters: every triangle once, inside all boxes above it; neighbours together. Windings: what is
  * closed, and which side is out. */
-#include "libcore/cluster.h"
-#include "libcore/pipe.h"
-#include "libcore/winding.h"
+#include "libcore/voxels/cluster.h"
+#include "libcore/ground/pipe.h"
+#include "libcore/voxels/winding.h"
 #include "tests/check.h"
 #include <time.h>
 

@@ -1,8 +1,8 @@
 /* Coarser levels against a plain one in double, and their laws: what is a parent, what it covers,
  * weight that is kept, what is constant stays, and that calls may be split anywhere. */
-#include "libcore/candidates.h"
-#include "libcore/coarsen_inner.h"
-#include "libcore/srgb.h"
+#include "libcore/surfels/candidates.h"
+#include "libcore/voxels/coarsen_inner.h"
+#include "libcore/data/srgb.h"
 #include "tests/check.h"
 #include "tests/unit/voxelset.h"
 

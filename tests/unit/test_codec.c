@@ -1,6 +1,6 @@
 /* Packed payloads: whatever the codec, the data that comes back is that of the archive without one;
  * and damaged ones are refused. */
-#include "formats/archive.h"
+#include "formats/archive/archive.h"
 #include "tests/unit/support.h"
 #include "tests/unit/latticed.h"
 #include "tests/check.h"

@@ -1,8 +1,8 @@
 /* What the player draws of a hierarchy: profiles of spacings, prefixes, voxels, what is hidden, and
  * what is asked for. */
-#include "cmd/pbs-view/cut.h"
-#include "cmd/pbs-view/hidden.h"
-#include "libcore/quant.h"
+#include "cmd/pbs-view/plan/cut.h"
+#include "cmd/pbs-view/plan/hidden.h"
+#include "libcore/data/quant.h"
 #include "tests/check.h"
 
 static uint64_t state = 88172645463325252u;

@@ -1,8 +1,8 @@
 /* The canvas: what it draws against what should be seen. Needs a GL (Mesa's software will do). */
-#include "cmd/pbs-view/cut.h"
-#include "cmd/pbs-view/draw.h"
-#include "libcore/average.h"
-#include "libcore/metrics.h"
+#include "cmd/pbs-view/plan/cut.h"
+#include "cmd/pbs-view/draw/draw.h"
+#include "libcore/surfels/average.h"
+#include "libcore/measures/metrics.h"
 #include "tests/check.h"
 
 #define PI 3.14159265358979323846

@@ -1,8 +1,8 @@
 /* Voxels on the canvas: against the same faces as triangles, and what masks, normals and sides do.
  * Needs a GL (Mesa's software will do). */
-#include "cmd/pbs-view/draw.h"
-#include "cmd/pbs-view/draw_texture.h"
-#include "libcore/metrics.h"
+#include "cmd/pbs-view/draw/draw.h"
+#include "cmd/pbs-view/draw/draw_texture.h"
+#include "libcore/measures/metrics.h"
 #include "tests/unit/support.h"
 #include "tests/check.h"
 

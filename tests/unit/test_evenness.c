@@ -1,6 +1,6 @@
 /* evenness.h against all pairs, for sets of every kind; and what is known of a square lattice. */
-#include "libcore/evenness.h"
-#include "libcore/rng.h"
+#include "libcore/measures/evenness.h"
+#include "libcore/data/rng.h"
 #include "tests/check.h"
 #include <math.h>
 

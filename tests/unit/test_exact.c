@@ -1,6 +1,6 @@
 /* Whole numbers of 256 bits against long-hand arithmetic, digit by digit in base 2^16. */
-#include "libcore/exact.h"
-#include "libcore/rng.h"
+#include "libcore/voxels/exact.h"
+#include "libcore/data/rng.h"
 #include "tests/check.h"
 
 enum { DIGITS = 16 };

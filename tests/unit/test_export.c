@@ -1,7 +1,7 @@
 /* PLY and GLB of clouds, surfels and voxels: what is chosen keeps its spacing and is the coarsest,
  * instances are where they are placed, far from the origin nothing is lost, and faces look out. */
-#include "formats/cloudpack.h"
-#include "formats/export.h"
+#include "formats/archive/cloudpack.h"
+#include "formats/export/export.h"
 #include "tests/unit/support.h"
 #include "tests/check.h"
 #include "tests/cloudfile.h"

@@ -1,5 +1,5 @@
 /* test_exr.c: the module "exr": multi-part files, written and read back. */
-#include "formats/module.h"
+#include "formats/readers/module.h"
 #include "tests/check.h"
 #include <math.h>
 #include <sys/stat.h>

@@ -1,6 +1,6 @@
 /* Boxes and balls of what is below nodes. */
-#include "libcore/extent.h"
-#include "libcore/rng.h"
+#include "libcore/gbuffer/extent.h"
+#include "libcore/data/rng.h"
 #include "tests/check.h"
 
 static double any(uint32_t i) {

@@ -1,5 +1,5 @@
 /* How far voxels are from their surface: shapes for which that is known. */
-#include "libcore/fidelity.h"
+#include "libcore/measures/fidelity.h"
 #include "tests/unit/block_shapes.h"
 
 static pbs_fidelity measure(const how *h, const pbs_mesh *mesh, const result *r) {

@@ -1,7 +1,7 @@
 /* The G-buffer against a brute-force rasteriser in double, and its laws: watertight, mirrored,
  * independent of threads, order, place and scale, every candidate on its triangle. */
-#include "libcore/raster.h"
-#include "libcore/resolve.h"
+#include "libcore/gbuffer/raster.h"
+#include "libcore/gbuffer/resolve.h"
 #include "tests/unit/gbuffer_shape.h"
 
 /* ---- the reference ---- */

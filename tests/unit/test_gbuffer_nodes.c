@@ -1,6 +1,6 @@
 /* Many nodes drawn one after the other with the same buffers, and by several threads at a time:
  * each comes out as if it were the only one. */
-#include "libcore/pipe.h"
+#include "libcore/ground/pipe.h"
 #include "tests/unit/gbuffer_shape.h"
 
 enum { NODES = 24 };

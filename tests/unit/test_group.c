@@ -1,6 +1,6 @@
 /* Flat lists become groups: everything is in one of them or at the top, once and in order; groups
  * are neither small nor light. */
-#include "formats/group.h"
+#include "formats/scene/group.h"
 #include "tests/unit/support.h"
 #include "tests/check.h"
 

@@ -1,9 +1,9 @@
 /* The plan of a scene's surfels on random hierarchies: who has some, and every triangle that does
  * not move is in a node's picture exactly once, drawn or in the surfels of one below. Surfels that
  * are kept come back; candidates from below lie where they should. */
-#include "formats/below.h"
-#include "formats/dag.h"
-#include "formats/hierarchy.h"
+#include "formats/surfels/below.h"
+#include "formats/scene/dag.h"
+#include "formats/surfels/hierarchy.h"
 #include "tests/unit/scenes.h"
 #include "tests/check.h"
 

@@ -1,6 +1,6 @@
 /* test_image.c: pictures in and out: PPM and PAM by hand, the rest through the module. */
-#include "formats/image.h"
-#include "formats/module.h"
+#include "formats/readers/image.h"
+#include "formats/readers/module.h"
 #include "tests/check.h"
 #include <sys/stat.h>
 #include <unistd.h>

@@ -1,8 +1,8 @@
 /* Thresholds of the hierarchy against what the man page says; the stretch of a matrix against
  * vectors that it is tried on. */
-#include "libcore/gbuffer.h"
-#include "libcore/lod.h"
-#include "libcore/rng.h"
+#include "libcore/gbuffer/gbuffer.h"
+#include "libcore/gbuffer/lod.h"
+#include "libcore/data/rng.h"
 #include "tests/check.h"
 
 static const pbs_lod standard = PBS_LOD_DEFAULT;

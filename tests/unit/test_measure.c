@@ -1,6 +1,6 @@
 /* The measures of a prefix against brute force. */
-#include "libcore/candidates.h"
-#include "libcore/measure.h"
+#include "libcore/surfels/candidates.h"
+#include "libcore/measures/measure.h"
 #include "tests/unit/cloud.h"
 
 static cloud c;

@@ -1,6 +1,6 @@
 /* Parts repaired: what comes out is closed, outward, and holds what went in, corner by corner. */
-#include "formats/mend.h"
-#include "formats/meshbuild.h"
+#include "formats/scene/mend.h"
+#include "formats/scene/meshbuild.h"
 #include "tests/unit/scenes.h"
 #include "tests/check.h"
 #include <math.h>

@@ -1,5 +1,5 @@
 /* Picture metrics against a direct implementation in double, and their laws. */
-#include "libcore/metrics.h"
+#include "libcore/measures/metrics.h"
 #include "tests/check.h"
 
 static pbs_run run = {.threads = 1};

@@ -1,5 +1,5 @@
 /* Motions: poses against values by hand and exact curves, and their chunks, whole and damaged. */
-#include "formats/motions.h"
+#include "formats/scene/motions.h"
 #include "tests/unit/support.h"
 #include "tests/check.h"
 #include <math.h>

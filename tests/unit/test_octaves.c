@@ -1,5 +1,5 @@
 /* The OCTV chunk: written and read back, in streams and archives, and hostile ones refused. */
-#include "formats/archive.h"
+#include "formats/archive/archive.h"
 #include "tests/unit/support.h"
 #include "tests/check.h"
 

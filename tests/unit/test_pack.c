@@ -1,10 +1,10 @@
 /* Merging: every triangle of a scene arrives, where it was, at the nodes that pack.h says, with its
  * material and that one's picture; nothing else does. What is equal is stored once. */
-#include "formats/meshbuild.h"
-#include "formats/octaves.h"
-#include "formats/pack.h"
-#include "formats/voxels.h"
-#include "formats/voxelstream.h"
+#include "formats/scene/meshbuild.h"
+#include "formats/surfels/octaves.h"
+#include "formats/archive/pack.h"
+#include "formats/voxels/voxels.h"
+#include "formats/voxels/voxelstream.h"
 #include "tests/unit/scenes.h"
 #include "tests/check.h"
 #include <math.h>

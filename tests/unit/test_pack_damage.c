@@ -1,6 +1,6 @@
 /* Inputs of the packer that contradict themselves behind right checksums: never a crash, nothing is
  * leaked, and what the checker finds whole becomes an archive that it finds whole. */
-#include "formats/pack.h"
+#include "formats/archive/pack.h"
 #include "tests/unit/support.h"
 #include "tests/check.h"
 

@@ -1,5 +1,5 @@
 /* Camera paths: what they pass through, how smoothly, and what is said of bad files. */
-#include "cmd/pbs-view/path.h"
+#include "cmd/pbs-view/plan/path.h"
 #include "tests/check.h"
 
 static pbs_run run = {.threads = 1};

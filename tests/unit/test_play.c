@@ -1,11 +1,11 @@
 /* How a picture is taken: the controller of the frame-time, foveation zones, two eyes, flying,
  * picking, keys. Arithmetic only. */
-#include "cmd/pbs-view/control.h"
-#include "cmd/pbs-view/cut.h"
-#include "cmd/pbs-view/eyes.h"
+#include "cmd/pbs-view/plan/control.h"
+#include "cmd/pbs-view/plan/cut.h"
+#include "cmd/pbs-view/plan/eyes.h"
 #include "cmd/pbs-view/keys.h"
 #include "cmd/pbs-view/overlay.h"
-#include "cmd/pbs-view/pick.h"
+#include "cmd/pbs-view/plan/pick.h"
 #include "tests/check.h"
 
 static uint64_t state = 88172645463325252u;

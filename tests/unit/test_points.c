@@ -1,7 +1,7 @@
 /* What is in the chunks: records, nodes, the hierarchy and archives. Everything
  * comes back as it was written, and hostile contents are refused in words. */
-#include "formats/archive.h"
-#include "formats/dag.h"
+#include "formats/archive/archive.h"
+#include "formats/scene/dag.h"
 #include "tests/unit/support.h"
 #include "tests/check.h"
 

@@ -1,6 +1,6 @@
 /* Laws of triangulation: n - 2 triangles; their areas add up to the polygon's as vectors, for any
  * polygon; for a simple one the sizes of the areas add up too, so nothing overlaps. */
-#include "libcore/polygon.h"
+#include "libcore/data/polygon.h"
 #include "tests/check.h"
 #include <math.h>
 #include <time.h>

@@ -1,9 +1,9 @@
 /* Points by a pass over all records: the same that a plain loop keeps, in steps of any size, and
  * drawn without holes. Needs a GL (Mesa's software will do). */
-#include "cmd/pbs-view/reduce.h"
-#include "libcore/lod.h"
-#include "libcore/metrics.h"
-#include "libcore/quant.h"
+#include "cmd/pbs-view/draw/reduce.h"
+#include "libcore/gbuffer/lod.h"
+#include "libcore/measures/metrics.h"
+#include "libcore/data/quant.h"
 #include "tests/check.h"
 #include "tests/residents.h"
 

@@ -1,7 +1,7 @@
 /* Errors, counted memory and the pipe. The pipe's laws hold for every number of threads and slots;
  * they are checked against what one thread would do. Built with -fsanitize=thread it shows that
  * callbacks need no locks of their own. */
-#include "libcore/pipe.h"
+#include "libcore/ground/pipe.h"
 #include "tests/check.h"
 #include <errno.h>
 #include <pthread.h>

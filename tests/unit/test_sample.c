@@ -1,10 +1,10 @@
 /* The sampler against brute force: the definition of the greedy permutation, point by point. */
-#include "libcore/candidates.h"
-#include "libcore/greedy.h"
-#include "libcore/pipe.h"
-#include "libcore/rng.h"
-#include "libcore/sample.h"
-#include "libcore/vec.h"
+#include "libcore/surfels/candidates.h"
+#include "libcore/surfels/greedy.h"
+#include "libcore/ground/pipe.h"
+#include "libcore/data/rng.h"
+#include "libcore/surfels/sample.h"
+#include "libcore/data/vec.h"
 #include "tests/check.h"
 
 enum { MOST = 20000 };

@@ -1,6 +1,6 @@
 /* Scenes and meshes: the builder welds, cuts and counts; a scene comes back as it was written;
  * hostile contents are refused, and a few kilobytes that stand for 2^64 instances too. */
-#include "formats/meshbuild.h"
+#include "formats/scene/meshbuild.h"
 #include "tests/unit/support.h"
 #include "tests/check.h"
 

@@ -1,8 +1,8 @@
 /* Arrays in files and pages that are let go: what was written is there, and what is held stays
  * bounded; digests tell bytes and pieces apart. */
-#include "formats/digest.h"
-#include "formats/file.h"
-#include "formats/scratch.h"
+#include "formats/container/digest.h"
+#include "formats/container/file.h"
+#include "formats/container/scratch.h"
 #include "tests/check.h"
 #include <sys/mman.h>
 #include <unistd.h>

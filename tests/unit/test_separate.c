@@ -4,7 +4,7 @@
  * reaches from the least to the largest of the points that are corners on the line, points of edges
  * on the line, and means of three corners on the line (these are the corners of a linear program).
  */
-#include "libcore/exact.h"
+#include "libcore/voxels/exact.h"
 #include "tests/unit/separated.h"
 
 /* ---- the oracle ---- */

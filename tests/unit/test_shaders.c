@@ -3,10 +3,10 @@
  * compiles. The sources are caught on their way to the driver, which has to be there (Mesa's
  * software will do), so that none is forgotten: what lies in the folder of the player and was not
  * caught fails. */
-#include "cmd/pbs-view/draw.h"
-#include "cmd/pbs-view/draw_text.h"
-#include "cmd/pbs-view/reduce.h"
-#include "cmd/pbs-view/splat.h"
+#include "cmd/pbs-view/draw/draw.h"
+#include "cmd/pbs-view/draw/draw_text.h"
+#include "cmd/pbs-view/draw/reduce.h"
+#include "cmd/pbs-view/draw/splat.h"
 #include "tests/check.h"
 #include <glob.h>
 #include <unistd.h>
@@ -191,7 +191,7 @@ static void check_all_caught(void) {
     const char *top = getenv("PBS_TOP");
     char pattern[600];
     glob_t files;
-    snprintf(pattern, sizeof pattern, "%s/cmd/pbs-view/*.glsl", top ? top : ".");
+    snprintf(pattern, sizeof pattern, "%s/cmd/pbs-view/shaders/*.glsl", top ? top : ".");
     CHECK(glob(pattern, 0, NULL, &files) == 0);
     CHECK(files.gl_pathc > 10);
     for (size_t i = 0; i < files.gl_pathc; i++) check_caught(files.gl_pathv[i]);

@@ -4,7 +4,7 @@
  *     test_simplify ball|solid|scatter SIZE [colour] [faces] [chunks] [voxels] [tiles=N] [other]
  *
  * chunks, voxels: they come in no order. tiles=N: N^3 of them beside each other. */
-#include "formats/simplify.h"
+#include "formats/voxels/simplify.h"
 #include "tests/check.h"
 #include "tests/unit/support.h"
 #include "tests/unit/voxelset.h"

@@ -1,10 +1,10 @@
 /* Deferred splatting: what is found visible against a z-buffer of the test's own, colours that do
  * not change by being added up, no holes, and last frame's set that changes nothing. Needs a GL
  * (Mesa's software will do). */
-#include "cmd/pbs-view/splat.h"
-#include "libcore/average.h"
-#include "libcore/metrics.h"
-#include "libcore/quant.h"
+#include "cmd/pbs-view/draw/splat.h"
+#include "libcore/surfels/average.h"
+#include "libcore/measures/metrics.h"
+#include "libcore/data/quant.h"
 #include "tests/check.h"
 #include "tests/residents.h"
 

@@ -1,7 +1,7 @@
 /* The store without a GL: a table of functions instead of buffers, and items that are their own
  * numbers. */
-#include "cmd/pbs-view/rooms.h"
-#include "cmd/pbs-view/store.h"
+#include "cmd/pbs-view/plan/rooms.h"
+#include "cmd/pbs-view/stream/store.h"
 #include "tests/check.h"
 #include <stdatomic.h>
 #include <time.h>

@@ -1,5 +1,5 @@
 /* Numbers against strtod, bit for bit; lines; names. */
-#include "formats/text.h"
+#include "formats/readers/text.h"
 #include "tests/check.h"
 #include <locale.h>
 #include <math.h>

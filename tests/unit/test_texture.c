@@ -1,5 +1,5 @@
 /* Texture pyramids and look-up, and the sRGB tables. */
-#include "libcore/texture.h"
+#include "libcore/data/texture.h"
 #include "tests/check.h"
 
 static uint64_t seed = 3;

@@ -1,7 +1,7 @@
 /* What becomes of parts and assemblies on their way into a scene stream: split, grouped, made one
  * with equal ones. Whatever happens, every placed triangle stays where it was, under its path of
  * names; the same bytes come out for any limit of memory. */
-#include "formats/meshbuild.h"
+#include "formats/scene/meshbuild.h"
 #include "tests/unit/support.h"
 #include "tests/check.h"
 

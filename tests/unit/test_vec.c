@@ -1,8 +1,8 @@
 /* Small vectors, transforms, octahedral normals, half floats, the lattice and the spacing of a
  * prefix: each against its definition, computed slowly in double. */
-#include "libcore/quant.h"
-#include "libcore/spacing.h"
-#include "libcore/vec.h"
+#include "libcore/data/quant.h"
+#include "libcore/measures/spacing.h"
+#include "libcore/data/vec.h"
 #include "tests/check.h"
 
 static uint64_t state = 1;

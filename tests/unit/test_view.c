@@ -1,6 +1,6 @@
 /* The player's arithmetic: cameras, and what they see of a node. */
-#include "cmd/pbs-view/cut.h"
-#include "libcore/lod.h"
+#include "cmd/pbs-view/plan/cut.h"
+#include "libcore/gbuffer/lod.h"
 #include "tests/check.h"
 
 static uint64_t state = 88172645463325252u;

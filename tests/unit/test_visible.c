@@ -1,8 +1,8 @@
 /* What is seen from outside against a slow twin, closed shapes and plates, any transform, bad
  * numbers; the same for any number of threads and any order of the clouds. */
-#include "libcore/visible.h"
-#include "libcore/gbuffer.h"
-#include "libcore/rng.h"
+#include "libcore/gbuffer/visible.h"
+#include "libcore/gbuffer/gbuffer.h"
+#include "libcore/data/rng.h"
 #include "tests/check.h"
 
 enum { MOST = 30000, ALL = PBS_POSITION | PBS_NORMAL | PBS_COLOUR };

@@ -1,6 +1,6 @@
 /* Voxels from a stream to an archive: chunks joined, weights dropped, what is absent filled,
  * numbers of materials moved. */
-#include "formats/voxelpack.h"
+#include "formats/archive/voxelpack.h"
 #include "tests/unit/support.h"
 #include "tests/check.h"
 

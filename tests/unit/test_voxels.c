@@ -1,7 +1,7 @@
 /* The grid around a box, transforms to it, Morton numbers, packed normals, and voxels as bytes. */
-#include "formats/voxelstream.h"
-#include "libcore/grid.h"
-#include "libcore/morton.h"
+#include "formats/voxels/voxelstream.h"
+#include "libcore/voxels/grid.h"
+#include "libcore/voxels/morton.h"
 #include "tests/check.h"
 #include "tests/unit/support.h"
 

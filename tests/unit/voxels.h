@@ -3,8 +3,8 @@
 #ifndef PBS_TEST_VOXELS_H
 #define PBS_TEST_VOXELS_H
 
-#include "formats/archive.h"
-#include "formats/voxelstream.h"
+#include "formats/archive/archive.h"
+#include "formats/voxels/voxelstream.h"
 
 typedef struct vox_cell {
     uint64_t code; /* Morton, 16 bits an axis */

@@ -3,9 +3,9 @@
 #ifndef PBS_VOXELSET_H
 #define PBS_VOXELSET_H
 
-#include "libcore/grid.h"
-#include "libcore/vec.h"
-#include "libcore/voxel.h"
+#include "libcore/voxels/grid.h"
+#include "libcore/data/vec.h"
+#include "libcore/voxels/voxel.h"
 #include <math.h>
 #include <stdlib.h>
 

@@ -1,7 +1,0 @@
-/* separate.c once more, with the instructions of AVX2: same source, same bits. The caller asks the
- * CPU before it calls it. No FMA: it would not be the same bits. */
-#if defined(__x86_64__) && defined(__GNUC__)
-#pragma GCC target("avx2,bmi,bmi2,popcnt,lzcnt")
-#endif
-#define PBS_SEPARATE_NAME(name) name##_avx2
-#include "libcore/separate.c"

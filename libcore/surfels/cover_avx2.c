@@ -1,0 +1,7 @@
+/* cover.c once more, with the instructions of AVX2: same source, same bits. */
+#if defined(__x86_64__) && defined(__GNUC__)
+#pragma GCC target("avx2,bmi,bmi2,popcnt,lzcnt")
+#endif
+#define PBS_COVER_NAME(name) name##_avx2
+#define PBS_COVER_ONCE
+#include "libcore/surfels/cover.c"
