@@ -105,15 +105,20 @@ static void draw_nodes(pbs_canvas *c) {
     const pbs_cubes cube = {
         .chunks = &v, .chunk_count = 1, .side = 1, .m = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
     const pbs_voxel_mode noted = {.frame = 1, .all = 1};
-    pbs_placed_mesh mesh = {.position = 0, .normal = -1, .colour = -1, .triangle_material = -1};
+    static const pbs_material look = {0};
+    pbs_placed_mesh mesh[2] = {
+        {.position = 0, .normal = -1, .uv = -1, .colour = -1, .triangle_material = -1}};
     GLuint buffer;
     gl.CreateBuffers(1, &buffer);
     gl.NamedBufferData(buffer, 256, NULL, GL_STATIC_DRAW);
-    mesh.buffer = buffer;
+    mesh[0].buffer = buffer;
+    mesh[1] = mesh[0];
+    mesh[1].look = &look;
+    mesh[1].uv = 0;
     expect(pbs_canvas_surfels(c, &surfel, 1, &err));
     expect(pbs_canvas_voxels(c, &cube, 1, NULL, &err));
     expect(pbs_canvas_voxels(c, &cube, 1, &noted, &err));
-    expect(pbs_canvas_triangles(c, &mesh, 1, &(pbs_palette){0}, &err));
+    expect(pbs_canvas_triangles(c, mesh, 2, &(pbs_palette){0}, &err));
     gl.DeleteBuffers(1, &buffer);
 }
 

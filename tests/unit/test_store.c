@@ -277,7 +277,7 @@ TEST(textures_are_objects_of_their_own) {
         }
         CHECK_NUM(there == 12, there);
         for (uint32_t i = (uint32_t)apart; i < ITEMS; i++)
-            CHECK(!pbs_store_resident(s)[i] || pbs_store_where(s, i).at == 0);
+            CHECK(!pbs_store_resident(s)[i] || pbs_store_where(s, i, 0).at == 0);
     }
     CHECK(pbs_store_measure(s).buffers == in_buffers && pbs_store_measure(s).evicted > 100);
     apart = 0;
