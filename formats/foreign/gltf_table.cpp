@@ -1,6 +1,6 @@
 /* gltf_table.cpp: one object of the JSON to one line of a table. */
 #include "formats/foreign/gltf_table.hpp"
-#include "libcore/gbuffer/motion.h"
+#include "libcore/data/motion.h"
 
 namespace pbs::gltf {
 

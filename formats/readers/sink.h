@@ -14,7 +14,7 @@
 #define PBS_SINK_H
 
 #include "libcore/data/mesh.h"
-#include "libcore/gbuffer/motion.h"
+#include "libcore/data/motion.h"
 #include "libcore/data/record.h"
 #include "libcore/ground/run.h"
 
@@ -89,7 +89,7 @@ typedef struct pbs_sink {
     void (*failed)(void *ctx, const pbs_err *err);
     /* An animation, before the motions that take part in it; ids count from 0. And a motion, before
      * the placings that have it; ids count from 1, and equal ones may get the same. Its keys are
-     * as libcore/gbuffer/motion.h says, PBS_MOTION_MOST numbers at most. NULL, both: nobody wants
+     * as libcore/data/motion.h says, PBS_MOTION_MOST numbers at most. NULL, both: nobody wants
      * to know.
      */
     pbs_code (*animation)(void *ctx, const char *name, uint32_t *id, pbs_err *err);

@@ -1,7 +1,7 @@
 /* motions.h: how placings move, in files: the ANIM and MOTN chunks, the same in every kind of file.
  *
  * An animation is a name and a number; motions say in which animations they take part. A motion
- * (libcore/gbuffer/motion.h) belongs to any number of placings, which name it: pbs_child.motion is
+ * (libcore/data/motion.h) belongs to any number of placings, which name it: pbs_child.motion is
  * its number + 1. The pose that it makes takes the place of the whole transform of such a placing,
  * so what stages do with nodes, groups and parts must never put the transform of a placing that has
  * a motion together with another one; they place what moves under an assembly of its own instead.
@@ -13,7 +13,7 @@
 
 #include "formats/container/container.h"
 #include "formats/scene/node.h"
-#include "libcore/gbuffer/motion.h"
+#include "libcore/data/motion.h"
 
 #define PBS_TAG_ANIMATION PBS_TAG('A', 'N', 'I', 'M')
 #define PBS_TAG_MOTION    PBS_TAG('M', 'O', 'T', 'N')

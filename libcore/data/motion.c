@@ -1,4 +1,4 @@
-#include "libcore/gbuffer/motion.h"
+#include "libcore/data/motion.h"
 #include <math.h>
 #include <string.h>
 
