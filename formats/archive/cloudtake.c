@@ -99,7 +99,8 @@ static void add_record_bounds(pbs_cloud_bounds *b, const pbs_cloud *c, const uin
     uint64_t colours = 0;
     const uint32_t red = c->colour == PBS_CLOUD_COLOUR_ANY ? c->at[3] : 0;
     for (size_t i = 0; i < n; i++, p += c->stride) {
-        i4 v = *(const i4_at *)(const void *)p; /* the fourth is something else */
+        i4 v; /* the fourth is something else */
+        memcpy(&v, p, sizeof v);
         low = select4i(v < low, v, low);
         high = select4i(v > high, v, high);
         if (red) colours |= colour_at(p + red);

@@ -432,14 +432,15 @@ TEST(chosen_animations_play) {
         CHECK(!pbs_poses_at(&p, NAN));
         pbs_poses_close(&p);
     }
+    static const pbs_motions none;
     pbs_poses p;
     CHECK(pbs_poses_open(&run, &m, "3", &p, &err) == PBS_USAGE);
     animations[1].name = (char *)"a\033[2J";
     CHECK(pbs_poses_open(&run, &m, "tur", &p, &err) == PBS_USAGE);
     CHECK(!strcmp(err.text, "--animation: tur: there is no such animation, only 0 turn, 1 a?[2J, "
                             "2 turn"));
-    CHECK(pbs_poses_open(&run, &(pbs_motions){0}, "x", &p, &err) == PBS_USAGE);
-    CHECK(!pbs_poses_open(&run, &(pbs_motions){0}, NULL, &p, &err) && !pbs_poses_any(&p));
+    CHECK(pbs_poses_open(&run, &none, "x", &p, &err) == PBS_USAGE);
+    CHECK(!pbs_poses_open(&run, &none, NULL, &p, &err) && !pbs_poses_any(&p));
     CHECK(!pbs_poses_at(&p, 1));
     pbs_poses_close(&p);
     CHECK(pbs_mem_used(&run) == 0);
