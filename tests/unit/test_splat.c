@@ -316,6 +316,111 @@ TEST(like_discs_without_holes) {
     close_stage(&s);
 }
 
+/* ---- what is looked at from behind ---- */
+
+/* Opaque pixels that are more green than brown. */
+static uint32_t green_ones(const pbs_image *a, uint32_t *opaque) {
+    uint32_t n = 0;
+    *opaque = 0;
+    for (const uint8_t *p = a->rgba; p < a->rgba + 4 * SIDE * SIDE; p += 4) {
+        *opaque += p[3] == 255;
+        n += p[3] == 255 && p[1] > p[0];
+    }
+    return n;
+}
+
+/* The square of a node, turned around. */
+static pbs_surfels turned(int which, uint32_t side, double z, const uint8_t colour[4]) {
+    pbs_surfels s = square(which, side, z, 0.9, colour);
+    for (uint32_t i = 0; i < s.prefix; i++) {
+        int16_t o[2];
+        pbs_oct_encode(o, (float[3]){0, 0, -1});
+        memcpy(store[which][i] + 8, o, 4);
+    }
+    return s;
+}
+
+/* A plate thinner than a disc, brown on its front and green on its back: from either side, as it is
+ * and mirrored, nothing of the other colour. */
+TEST(the_back_of_a_plate_does_not_show) {
+    if (no_gl()) SKIP(err.text);
+    for (int mirrored = 0; mirrored < 2; mirrored++)
+        for (int back = 0; back < 2; back++) {
+            stage s = open_stage(1);
+            pbs_surfels nodes[2] = {square(0, 150, 0.008, 0.9, BROWN), turned(1, 150, 0, GREEN)};
+            for (int i = 0; i < 2 && mirrored; i++)
+                nodes[i].m[0] = -1, nodes[i].m[5] = nodes[i].m[10] = 1;
+            pbs_camera_parse(&s.frame.camera, back ? "2,1,-3,0,0,0,40" : "2,1,3,0,0,0,40", NULL);
+            for (int i = 0; i < 3; i++) {
+                uint32_t opaque;
+                pbs_image a = splat(&s, nodes, 2, (pbs_splat_options){.afresh = i == 0});
+                uint32_t green = green_ones(&a, &opaque);
+                uint32_t wrong = back ? opaque - green : green;
+                CHECK_NUM(opaque > SIDE * SIDE / 8, opaque);
+                CHECK_NUM(wrong == 0, wrong);
+                drop(&a);
+            }
+            close_stage(&s);
+        }
+}
+
+/* The far sides of a box lie behind its outline: not one pixel has their colour. */
+TEST(the_far_sides_of_a_box_do_not_show) {
+    if (no_gl()) SKIP(err.text);
+    stage s = open_stage(1);
+    enum { N = 70 };
+    uint32_t n = 0, opaque;
+    for (int side = 0; side < 6; side++)
+        for (uint32_t i = 0; i < N * N; i++, n++) {
+            int k = side / 2;
+            double normal[3] = {0}, p[3];
+            normal[k] = side % 2 ? 1 : -1;
+            p[k] = 0.6 * normal[k];
+            p[(k + 1) % 3] = 0.6 * (2.0 * (i % N) / (N - 1) - 1);
+            p[(k + 2) % 3] = 0.6 * (2.0 * (i / N) / (N - 1) - 1);
+            put(store[0][n], p, normal, side % 2 ? BROWN : GREEN);
+        }
+    pbs_surfels node = node_of(0, n, 1.2 / N);
+    pbs_camera_parse(&s.frame.camera, "2.2,1.9,2.6,0,0,0,40", NULL);
+    for (int i = 0; i < 3; i++) {
+        pbs_image a = splat(&s, &node, 1, (pbs_splat_options){.afresh = i == 0});
+        uint32_t green = green_ones(&a, &opaque);
+        CHECK_NUM(opaque > SIDE * SIDE / 8, opaque);
+        CHECK_NUM(green == 0, green);
+        drop(&a);
+    }
+    close_stage(&s);
+}
+
+/* Where there is no front, as inside of a hull or on the wrong side of a sheet, the back stays;
+ * also where one looks along it. */
+TEST(a_back_without_a_front_stays) {
+    if (no_gl()) SKIP(err.text);
+    static const char *const views[] = {"0,0,4,0,0,0,40", "3,0,1.2,0,0,0,40",
+                                        "0.5,3.4,0.4,0,0,0,40"};
+    for (int v = 0; v < 3; v++) {
+        stage s = open_stage(4);
+        pbs_surfels front = square(0, 150, 0, 0.9, BROWN), back = turned(1, 150, 0, BROWN);
+        pbs_camera_parse(&s.frame.camera, views[v], NULL);
+        for (int i = 0; i < 3; i++) {
+            uint32_t seen, expected;
+            pbs_image a = splat(&s, &front, 1, (pbs_splat_options){.afresh = i == 0});
+            pbs_image b = splat(&s, &back, 1, (pbs_splat_options){.afresh = i == 0});
+            green_ones(&a, &expected);
+            green_ones(&b, &seen);
+            CHECK_NUM(abs((int)seen - (int)expected) <= (int)expected / 50, seen);
+            CHECK_NUM(holes(&b, &a) <= 2, holes(&b, &a));
+            drop(&a), drop(&b);
+        }
+        close_stage(&s);
+    }
+    stage s = open_stage(4);
+    pbs_surfels hull = sphere(2, 30000, BROWN);
+    pbs_camera_parse(&s.frame.camera, "0,0,0.9,0.6,0.1,0,60", NULL);
+    check_like_discs(&s, &hull, 1, 0.95);
+    close_stage(&s);
+}
+
 /* ---- temporal coherence ---- */
 
 TEST(a_still_camera_converges) {

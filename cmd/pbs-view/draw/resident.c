@@ -39,7 +39,8 @@ static void store(float out[3][4], const double *m, int columns, double scale) {
             out[i][k] = k < columns ? (float)(m[columns * i + k] * scale) : 0;
 }
 
-/* Cofactors, scaled so that the largest is 1: float holds no squares of 10^-30. */
+/* Cofactors, scaled so that the largest is 1: float holds no squares of 10^-30. Those of a mirror
+ * turn around what points outside, and so are turned back. */
 static void place_normals(float out[3][4], const double view[12]) {
     double unit[12], cofactor[9], largest = 0;
     for (int i = 0; i < 12; i++)
@@ -48,7 +49,8 @@ static void place_normals(float out[3][4], const double view[12]) {
     pbs_xform_cofactor(cofactor, unit);
     largest = 0;
     for (int i = 0; i < 9; i++) largest = fmax(largest, fabs(cofactor[i]));
-    store(out, cofactor, 3, largest > 0 ? 1 / largest : 1);
+    if (pbs_xform_det(unit) < 0) largest = -largest;
+    store(out, cofactor, 3, largest != 0 ? 1 / largest : 1);
 }
 
 void pbs_resident_place(const pbs_resident *r, const pbs_camera *camera, float to_view[3][4],

@@ -14,7 +14,7 @@ static pbs_code build_programs(pbs_splat *s, pbs_err *err) {
         {GL_FRAGMENT_SHADER, {PBS_GLSL_VERSION, splat_depth_frag_glsl}},
     };
     const pbs_gl_stage index[2] = {
-        {GL_VERTEX_SHADER, {PBS_GLSL_VERSION, splat_glsl, splat_index_vert_glsl}},
+        {GL_VERTEX_SHADER, {PBS_GLSL_VERSION, shade_glsl, splat_glsl, splat_index_vert_glsl}},
         {GL_FRAGMENT_SHADER, {PBS_GLSL_VERSION, splat_index_frag_glsl}},
     };
     const pbs_gl_stage collect = {
@@ -252,6 +252,7 @@ static void draw_indices(const pbs_splat *s, const pbs_canvas *c) {
                              GL_DEPTH_BUFFER_BIT, GL_NEAREST);
     gl->BindFramebuffer(GL_FRAMEBUFFER, s->index_frame);
     gl->ClearNamedFramebufferuiv(s->index_frame, GL_COLOR, 0, none);
+    gl->BindTextureUnit(0, s->depth);
     use(s, c, s->index_program);
     draw_objects(s, s->index_program, 0, f->selected, GL_POINTS);
 }

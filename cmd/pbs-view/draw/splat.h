@@ -13,6 +13,11 @@
  * identifier left, and those with discs so large that a centre says little about what is seen of
  * the rim, are splatted without selection.
  *
+ * Beyond the paper: a surfel that is looked at from behind counts as farther away than it is, by
+ * more than what is added up lies apart, and is not visible where a front covers a pixel beside its
+ * own. So at the edges of a solid and through a thin plate nothing of the far side is seen. A
+ * surface of which there is only the back, as inside of a hull, is drawn as any other.
+ *
  * Octaves (draw.h) are the surfel mipmaps of section 4.4. Edges are smooth by the Gaussians and a
  * ring of half a pixel, whatever the samples of the canvas. It may hold other things already and be
  * drawn on afterwards; on the edges what was there shows through.

@@ -35,22 +35,28 @@ static pbs_code slot_of(pbs_splat *s, splat_frame *f, GLuint buffer, uint32_t *o
     return PBS_OK;
 }
 
-/* Whether discs can be larger than the margin in the picture, so that one with its centre outside
- * may be seen. */
-static bool too_large(const pbs_canvas *c, const splat_entry *e) {
-    double longest = 0, nearest = INFINITY;
+/* Longest half axis of the node's discs in view. */
+static double longest_axis(const splat_entry *e) {
+    double longest = 0;
     for (int k = 0; k < 3; k++) {
         double square = 0;
         for (int i = 0; i < 3; i++) square += (double)e->disc[i][k] * e->disc[i][k];
         longest = fmax(longest, square);
     }
+    return sqrt(longest);
+}
+
+/* Whether discs can be larger than the margin in the picture, so that one with its centre outside
+ * may be seen. */
+static bool too_large(const pbs_canvas *c, const splat_entry *e) {
+    double nearest = INFINITY;
     for (int corner = 0; corner < 8; corner++) {
         double z = e->to_view[2][3];
         for (int k = 0; k < 3; k++) z += corner >> k & 1 ? 65535.0 * e->to_view[2][k] : 0;
         nearest = fmin(nearest, -z);
     }
     double pixel = pbs_camera_pixel(&c->camera, c->height);
-    return !(sqrt(longest) < PBS_SPLAT_MARGIN * pixel * fmax(nearest, PBS_CAMERA_NEAR));
+    return !(longest_axis(e) < PBS_SPLAT_MARGIN * pixel * fmax(nearest, PBS_CAMERA_NEAR));
 }
 
 /* Room in the lists that a slot's surfels need. */
@@ -107,6 +113,7 @@ static pbs_code add_node(pbs_splat *s, splat_frame *f, const pbs_canvas *c, cons
         memcpy(e->field, w.field, sizeof e->field);
         e->records[2] = left < PBS_SPLAT_LARGE ? left : PBS_SPLAT_LARGE;
         pbs_resident_place(r, &c->camera, e->to_view, e->disc, e->normal);
+        e->disc[0][3] = (float)longest_axis(e);
         fill_octaves(r, &w, e);
         s->parts[(*parts)++] = (splat_object){.key = pbs_resident_key(r),
                                               .offset = r->offset,

@@ -1,8 +1,6 @@
 // A surfel as a triangle around its disc, for the passes 1 and 3, which fill the depth buffer, and
 // with EWA defined for pass 4, which adds up colours.
 
-uniform float pixel; // side of one, at distance 1
-
 out vec2 at; // in the disc: inside the unit circle
 
 #ifdef EWA
@@ -18,16 +16,6 @@ float reach(uint o, vec3 d, vec3 n) {
     return sqrt(max(dot(g, g) - along * along, 0.0));
 }
 
-vec3 local_normal(uint o, uint i) {
-    uint w = object[o].records.x + i * object[o].records.y + uint(object[o].field.x);
-    return normalize(octahedral_normal(unpackSnorm2x16(word[w])));
-}
-
-vec3 to_view_normal(uint o, vec3 n) {
-    return normalize(vec3(dot(object[o].normal[0].xyz, n), dot(object[o].normal[1].xyz, n),
-                          dot(object[o].normal[2].xyz, n)));
-}
-
 #ifdef EWA
 struct Look {
     vec3 normal, albedo, emissive;
@@ -36,7 +24,7 @@ struct Look {
 
 Look look_at(uint w, ivec4 field) {
     Look l = Look(vec3(0), vec3(1), vec3(0), vec2(0, 1));
-    if (field.x >= 0)
+    if (field.x >= 0 && word[w + uint(field.x)] != 0x80008000u)
         l.normal = normalize(octahedral_normal(unpackSnorm2x16(word[w + uint(field.x)])));
     if (field.y >= 0) l.albedo = linear_from_srgb(unpackUnorm4x8(word[w + uint(field.y)]).rgb);
     if (field.z >= 0) l.material = unpackUnorm4x8(word[w + uint(field.z)]).xy;
@@ -96,18 +84,18 @@ void main() {
     if (!find_surfel(n_vertex / 3u, o, i)) return;
     vec3 c = centre_of(o, i);
     if (-c.z < project.z) return;
-    vec3 v = -normalize(c), n = v;
-    vec3 local = normalize(v.x * object[o].disc[0].xyz + v.y * object[o].disc[1].xyz +
-                           v.z * object[o].disc[2].xyz);
-    if (object[o].field.x >= 0) {
-        local = local_normal(o, i);
-        n = to_view_normal(o, local);
-    }
+    vec3 v = -normalize(c), local = local_normal(o, i), n = to_view_normal(o, local);
+    float away = farther(o, c, n);
+    bool faces = local == vec3(0);
+    if (faces)
+        local = normalize(v.x * object[o].disc[0].xyz + v.y * object[o].disc[1].xyz +
+                          v.z * object[o].disc[2].xyz);
+    n = faces ? v : normalize(n);
 
     // t across the line of sight, b the axis that is foreshortened. Edge-on a disc is widened along
     // b's picture, and not turned: the depth that it spans stays. A large one gets a quarter of a
     // pixel only, or silhouettes would grow.
-    float side = pixel * -c.z, least = 0.70710678 * side;
+    float side = pixel * -c.z, least = least_at(c);
     vec3 t = cross(n, v);
     float tilt = length(t);
     t = tilt > 1e-3 ? t / tilt : normalize(cross(n, abs(n.x) < 0.7 ? vec3(1, 0, 0) : vec3(0, 1, 0)));
@@ -124,14 +112,16 @@ void main() {
     vec2 wide = 0.5 * sqrt(disc * disc + 1.0);
     kernel = vec3(0.70710678 * splat / wide, 0.25 * disc.x * disc.y / (wide.x * wide.y));
     Look look = look_of(o, i, radius / side);
-    if (object[o].field.x >= 0) n = to_view_normal(o, look.normal);
+    if (!faces && look.normal != vec3(0)) n = normalize(to_view_normal(o, look.normal));
     lit = shade(c, n, look.albedo, look.material.x, look.material.y, look.emissive);
 #endif
     float wider = (narrow + ring - flat_s) * (dot(across, b) < 0.0 ? -1.0 : 1.0);
     vec3 p = c + at.x * (a + ring) * t + at.y * (s * b + wider * across);
 #ifndef EWA
-    // Along the line of sight away by a disc's radius: what is added up there passes.
-    p *= 1.0 + a / -c.z;
+    // Along the line of sight away by a disc's diameter: what is added up there passes, also a side
+    // that goes steeply down behind an edge over which the disc reaches.
+    p *= 1.0 + 2.0 * a / -c.z;
 #endif
+    p *= away;
     gl_Position = vec4(p.xy * project.xy, project.z, -p.z);
 }
