@@ -3,8 +3,11 @@
 #include <string.h>
 
 enum {
-    CUT_DEPTH = 5,    /* of the grid that a cell is cut by, at most */
-    CUT_POINTS = 1024 /* of a surface in a cell of it, or more */
+    CUT_DEPTH = 5,     /* of the grid that a cell is cut by, at most */
+    CUT_POINTS = 1024, /* of a surface in a cell of it, or more */
+    /* So many points are looked at before pages are given back: anywhere, they are as many pages,
+     * and the system brings in up to fifteen beside each. */
+    TOUCHED = 512
 };
 
 pbs_code pbs_clod_grid_new(pbs_run *run, int bits, int depth, pbs_clod_grid *g, pbs_err *err) {
@@ -40,6 +43,7 @@ typedef struct cutter {
     pbs_clod_cells *out;
     void (*done)(void *ctx);
     void *ctx;
+    uint32_t touched; /* since pages were given back, of whatever cell */
 } cutter;
 
 typedef struct builder {
@@ -76,7 +80,7 @@ static pbs_code build(builder *b, uint32_t place, int depth, pbs_err *err) {
         return rc;
     }
     for (size_t i = begin; i < end; i++) g->cell[i] = (uint32_t)b->out->count;
-    pbs_clod_cell c = {.bits = bits, .first = b->first, .count = count};
+    pbs_clod_cell c = {.bits = (int8_t)bits, .first = b->first, .count = count};
     for (int k = 0; k < 3; k++) c.origin[k] = g->origin[k] + (gather3(place >> k) << bits);
     b->first += count;
     return add(b->run, b->out, &c, err);
@@ -88,45 +92,42 @@ pbs_code pbs_clod_cells_of(pbs_run *run, pbs_clod_grid *g, uint64_t first, pbs_c
     return build(&b, 0, 0, err);
 }
 
-static void was_moved(const cutter *u, uint64_t *moved, uint64_t n) {
-    const uint64_t often = 1 << 16;
-    *moved += n;
-    if (*moved < often) return;
-    *moved = 0;
+static inline void was_touched(cutter *u) {
+    if (++u->touched < TOUCHED) return;
+    u->touched = 0;
     if (u->done) u->done(u->ctx);
 }
 
 /* Puts points in the order of the cells that the grid found, within their own room. */
-static void permute(const cutter *u, const pbs_clod_grid *g, const pbs_clod_cells *cells,
-                    uint64_t *at) {
+static void permute(cutter *u, const pbs_clod_grid *g, const pbs_clod_cells *cells, uint64_t *at) {
     pbs_clod_raw *raw = u->raw;
-    uint64_t moved = 0;
     for (size_t c = 0; c < cells->count; c++) at[c] = cells->cell[c].first;
     for (size_t c = 0; c < cells->count; c++) {
         uint64_t end = cells->cell[c].first + cells->cell[c].count;
         while (at[c] < end) {
             pbs_clod_raw p = raw[at[c]];
-            for (uint32_t to; (to = g->cell[pbs_clod_place(g, p.q)]) != c; moved++) {
+            for (uint32_t to; (to = g->cell[pbs_clod_place(g, p.q)]) != c;) {
                 pbs_clod_raw other = raw[at[to]];
                 raw[at[to]++] = p;
                 p = other;
+                was_touched(u);
             }
             raw[at[c]++] = p;
-            was_moved(u, &moved, 1);
+            was_touched(u);
         }
     }
 }
 
-static pbs_code cut(const cutter *u, const pbs_clod_cell *c, pbs_err *err);
+static pbs_code cut(cutter *u, const pbs_clod_cell *c, pbs_err *err);
 
 /* One grid's worth of cutting, then what is still too much. */
-static pbs_code cut_once(const cutter *u, const pbs_clod_cell *c, pbs_clod_grid *g,
-                         pbs_clod_cells *parts, pbs_err *err) {
-    uint64_t *at = NULL, seen = 0;
+static pbs_code cut_once(cutter *u, const pbs_clod_cell *c, pbs_clod_grid *g, pbs_clod_cells *parts,
+                         pbs_err *err) {
+    uint64_t *at = NULL;
     memcpy(g->origin, c->origin, sizeof g->origin);
     for (uint64_t i = c->first; i < c->first + c->count; i++) {
         g->count[pbs_clod_place(g, u->raw[i].q)]++;
-        was_moved(u, &seen, 1);
+        was_touched(u);
     }
     pbs_code rc = pbs_clod_cells_of(u->run, g, c->first, parts, err);
     if (!rc) rc = pbs_alloc(u->run, &at, parts->count, sizeof *at, "the cells", err);
@@ -137,7 +138,7 @@ static pbs_code cut_once(const cutter *u, const pbs_clod_cell *c, pbs_clod_grid 
     return rc;
 }
 
-static pbs_code cut(const cutter *u, const pbs_clod_cell *c, pbs_err *err) {
+static pbs_code cut(cutter *u, const pbs_clod_cell *c, pbs_err *err) {
     pbs_clod_cells *out = u->out;
     pbs_code rc = pbs_run_check(u->run, err);
     if (rc) return rc;
@@ -157,7 +158,7 @@ static pbs_code cut(const cutter *u, const pbs_clod_cell *c, pbs_err *err) {
 pbs_code pbs_clod_cut(pbs_run *run, pbs_clod_raw *raw, pbs_clod_cells *cells,
                       void (*done)(void *ctx), void *ctx, pbs_err *err) {
     pbs_clod_cells out = {.most = cells->most, .piece = cells->piece};
-    const cutter u = {run, raw, &out, done, ctx};
+    cutter u = {run, raw, &out, done, ctx, 0};
     pbs_code rc = PBS_OK;
     for (size_t i = 0; i < cells->count && !rc; i++) rc = cut(&u, &cells->cell[i], err);
     if (done) done(ctx);

@@ -31,6 +31,9 @@ typedef struct upper {
     size_t face_count, face_room;
 } upper;
 
+/* Points that may be looked at, a page each, before pages are given back. */
+enum { TOUCHED = 512 };
+
 static void give_back(const upper *u) {
     if (u->store->done) u->store->done(u->store->ctx);
 }
@@ -205,6 +208,7 @@ static pbs_code thin_cube(upper *u, int k, bool more, pbs_err *err) {
         pbs_clod_rest *r = &u->out->rest[u->kept.id[i]];
         r->level = (int8_t)k;
         if (u->kept.sum) memcpy(r->sum, u->kept.sum + 4 * (size_t)i, sizeof r->sum);
+        if (i % TOUCHED == TOUCHED - 1) give_back(u);
     }
     position(&u->set, end - 1, u->last);
     u->before = true;
