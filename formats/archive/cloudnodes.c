@@ -102,7 +102,7 @@ static pbs_cloud_node shrink(const pbs_cloud_tree *t, pbs_cloud_node n) {
         uint32_t origin[3];
         for (int k = 0; k < 3; k++) origin[k] = cell[n.first].origin[k] >> bits << bits;
         if (end_of(t, origin, bits, n.first, n.end) != n.end) break;
-        n.bits = bits;
+        n.bits = (int8_t)bits;
         memcpy(n.origin, origin, sizeof n.origin);
     }
     return n;
@@ -134,15 +134,27 @@ static pbs_code add_children(pbs_run *run, pbs_cloud_tree *t, size_t at, pbs_err
     return rc;
 }
 
+/* Gives back the room that the nodes have beyond what they need. */
+static pbs_code fit(pbs_run *run, pbs_cloud_tree *t, pbs_err *err) {
+    pbs_cloud_node *exact;
+    pbs_code rc = pbs_alloc(run, &exact, t->count, sizeof *exact, "the nodes", err);
+    if (rc) return rc;
+    memcpy(exact, t->node, t->count * sizeof *exact);
+    pbs_free(run, t->node);
+    t->node = exact, t->room = t->count;
+    return PBS_OK;
+}
+
 pbs_code pbs_cloud_tree_new(pbs_run *run, pbs_cloud_points *p, const pbs_clod_upper *u,
                             pbs_cloud_tree *t, pbs_err *err) {
     *t = (pbs_cloud_tree){.points = p, .upper = u};
-    pbs_cloud_node root = {.bits = p->lattice.bits, .end = p->cells.count};
+    pbs_cloud_node root = {.bits = (int8_t)p->lattice.bits, .end = (uint32_t)p->cells.count};
     count_cells(p, u);
     root = shrink(t, root);
     set_levels(t, &root);
     pbs_code rc = add(run, t, root, err);
     for (size_t i = 0; i < t->count && !rc; i++) rc = add_children(run, t, i, err);
+    if (!rc) rc = fit(run, t, err);
     if (rc) pbs_cloud_tree_free(run, t);
     return rc;
 }

@@ -1,13 +1,10 @@
 /* The octree of cells of a point cloud (clod.h): from the counts of a grid, and by cutting. */
-#include "libcore/clouds/clod.h"
+#include "libcore/clouds/clod_internal.h"
 #include <string.h>
 
 enum {
-    CUT_DEPTH = 5,     /* of the grid that a cell is cut by, at most */
-    CUT_POINTS = 1024, /* of a surface in a cell of it, or more */
-    /* So many points are looked at before pages are given back: anywhere, they are as many pages,
-     * and the system brings in up to fifteen beside each. */
-    TOUCHED = 512
+    CUT_DEPTH = 5,    /* of the grid that a cell is cut by, at most */
+    CUT_POINTS = 1024 /* of a surface in a cell of it, or more */
 };
 
 pbs_code pbs_clod_grid_new(pbs_run *run, int bits, int depth, pbs_clod_grid *g, pbs_err *err) {
@@ -43,7 +40,7 @@ typedef struct cutter {
     pbs_clod_cells *out;
     void (*done)(void *ctx);
     void *ctx;
-    uint32_t touched; /* since pages were given back, of whatever cell */
+    pbs_clod_looks looks; /* of whatever cell */
 } cutter;
 
 typedef struct builder {
@@ -92,10 +89,8 @@ pbs_code pbs_clod_cells_of(pbs_run *run, pbs_clod_grid *g, uint64_t first, pbs_c
     return build(&b, 0, 0, err);
 }
 
-static inline void was_touched(cutter *u) {
-    if (++u->touched < TOUCHED) return;
-    u->touched = 0;
-    if (u->done) u->done(u->ctx);
+static inline void look(cutter *u, const pbs_clod_raw *at) {
+    if (pbs_clod_look(&u->looks, at) && u->done) u->done(u->ctx);
 }
 
 /* Puts points in the order of the cells that the grid found, within their own room. */
@@ -110,10 +105,10 @@ static void permute(cutter *u, const pbs_clod_grid *g, const pbs_clod_cells *cel
                 pbs_clod_raw other = raw[at[to]];
                 raw[at[to]++] = p;
                 p = other;
-                was_touched(u);
+                look(u, &raw[at[to]]);
             }
+            look(u, &raw[at[c]]);
             raw[at[c]++] = p;
-            was_touched(u);
         }
     }
 }
@@ -127,7 +122,7 @@ static pbs_code cut_once(cutter *u, const pbs_clod_cell *c, pbs_clod_grid *g, pb
     memcpy(g->origin, c->origin, sizeof g->origin);
     for (uint64_t i = c->first; i < c->first + c->count; i++) {
         g->count[pbs_clod_place(g, u->raw[i].q)]++;
-        was_touched(u);
+        look(u, &u->raw[i]);
     }
     pbs_code rc = pbs_clod_cells_of(u->run, g, c->first, parts, err);
     if (!rc) rc = pbs_alloc(u->run, &at, parts->count, sizeof *at, "the cells", err);
@@ -155,16 +150,27 @@ static pbs_code cut(cutter *u, const pbs_clod_cell *c, pbs_err *err) {
     return rc;
 }
 
+/* Gives back the room that they have beyond what they need, which lasts. */
+static pbs_code fit(pbs_run *run, pbs_clod_cells *c, pbs_err *err) {
+    pbs_clod_cell *exact;
+    pbs_code rc = pbs_alloc(run, &exact, c->count, sizeof *exact, "the cells", err);
+    if (rc) return rc;
+    memcpy(exact, c->cell, c->count * sizeof *exact);
+    pbs_free(run, c->cell);
+    c->cell = exact, c->room = c->count;
+    return PBS_OK;
+}
+
 pbs_code pbs_clod_cut(pbs_run *run, pbs_clod_raw *raw, pbs_clod_cells *cells,
                       void (*done)(void *ctx), void *ctx, pbs_err *err) {
     pbs_clod_cells out = {.most = cells->most, .piece = cells->piece};
-    cutter u = {run, raw, &out, done, ctx, 0};
+    cutter u = {run, raw, &out, done, ctx, {0, 0}};
     pbs_code rc = PBS_OK;
     for (size_t i = 0; i < cells->count && !rc; i++) rc = cut(&u, &cells->cell[i], err);
     if (done) done(ctx);
     pbs_free(run, cells->cell);
     *cells = out;
-    return rc;
+    return rc || !out.count ? rc : fit(run, cells, err);
 }
 
 void pbs_clod_cells_free(pbs_run *run, pbs_clod_cells *cells) {
