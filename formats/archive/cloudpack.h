@@ -80,6 +80,7 @@ typedef struct pbs_cloud_points {
     bool colours;
     uint32_t cubes; /* 0: PBS_CLOUD_CUBES */
     pbs_trim trim;
+    size_t held; /* pages of files that count as its memory */
 } pbs_cloud_points;
 
 /* For clod.h: the points' room. */

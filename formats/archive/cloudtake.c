@@ -13,7 +13,9 @@ enum {
     BATCH = 65536,        /* so many that the points of a cell are usually many */
     PART = 1024,          /* of it, as numbers of the file */
     PIECE = 192 << 10,    /* bytes of a file at a time */
-    HELD = 32 << 20,      /* bytes of pages of files */
+    HELD = 32 << 20,      /* bytes of pages of files at most, */
+    HELD_POINT = 48,      /* and of each point: its record, itself, and what is left of cells */
+    PROGRAM = 4 << 20,    /* pages of the program, which are counted elsewhere */
     IN_MEMORY = 32 << 20, /* bytes of points: a file costs less than as many fresh pages */
     REST_IN_MEMORY = 16 << 20
 };
@@ -558,6 +560,19 @@ static void take_free(take *t) {
     pbs_clod_grid_free(t->run, &t->grid);
 }
 
+/* Pages of files are memory as other memory is. A quarter is left for those that come in before the
+ * next look at how many there are. */
+static pbs_code hold(pbs_cloud_points *p, uint64_t points, pbs_err *err) {
+    size_t held = pbs_mem_left(p->run) / 4;
+    if (held > HELD) held = HELD;
+    if (held / HELD_POINT > points) held = (size_t)points * HELD_POINT;
+    pbs_code rc = pbs_mem_take(p->run, held, "pages of files", err);
+    if (rc) return rc;
+    p->held = held;
+    p->trim.limit = held - held / 4 + PROGRAM;
+    return PBS_OK;
+}
+
 pbs_code pbs_cloud_take(pbs_run *run, const pbs_cloud *clouds, size_t count, pbs_cloud_points *p,
                         pbs_err *err) {
     take t = {.run = run,
@@ -567,12 +582,12 @@ pbs_code pbs_cloud_take(pbs_run *run, const pbs_cloud *clouds, size_t count, pbs
               .slot_count = 2 * run->threads};
     p->run = run;
     pbs_trim_open(run, &p->trim);
-    if (p->trim.limit > HELD) p->trim.limit = HELD;
     for (size_t c = 0; c < count; c++) {
         pbs_cloud_trim(&clouds[c], &p->trim);
         t.all += clouds[c].count;
     }
-    pbs_code rc = take_new(&t, err);
+    pbs_code rc = hold(p, t.all, err);
+    if (!rc) rc = take_new(&t, err);
     if (!rc) rc = take_all(&t, err);
     take_free(&t);
     p->trim.count = 0;
@@ -610,4 +625,6 @@ void pbs_cloud_points_free(pbs_run *run, pbs_cloud_points *p) {
     pbs_scratch_free(&p->raw);
     pbs_scratch_free(&p->rest);
     pbs_trim_close(&p->trim);
+    pbs_mem_give(run, p->held);
+    p->held = 0;
 }

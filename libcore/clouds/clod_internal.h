@@ -37,7 +37,7 @@ static inline bool pbs_clod_look(pbs_clod_looks *l, const void *at) {
     uintptr_t part = (uintptr_t)at >> 21;
     if (part == l->last) return false;
     l->last = part;
-    return ++l->count % 8 == 0;
+    return ++l->count % 4 == 0;
 }
 
 /* Working memory for one cell. */
