@@ -6,7 +6,8 @@
 enum {
     ACROSS = 7, /* a node is 2^7 spacings of its level wide */
     COARSE = 3, /* the largest nodes are two: the first one stops 2^3 spacings before */
-    TOP_K = PBS_CLOD_LEVELS - 2
+    TOP_K = PBS_CLOD_LEVELS - 1,
+    OFTEN = 1 << 15 /* a megabyte of points that are left */
 };
 
 /* ---- which points are where ---- */
@@ -29,7 +30,7 @@ static bool goes_up(const pbs_cloud_tree *t, const pbs_clod_cell *c, int k) {
 
 /* Points of level k of a cell. */
 static uint64_t in_level(const pbs_cloud_tree *t, size_t cell, int k) {
-    return t->points->cells.cell[cell].level[k + 1];
+    return pbs_clod_of_level(&t->points->cells.cell[cell], k);
 }
 
 static uint64_t count_levels(const pbs_cloud_tree *t, const pbs_cloud_node *n) {
@@ -43,11 +44,14 @@ static uint64_t count_levels(const pbs_cloud_tree *t, const pbs_cloud_node *n) {
 }
 
 /* Points that were left of a cell count at the level that they got in the end. */
-static void count_cells(pbs_clod_cells *cells, const pbs_clod_upper *u) {
-    for (size_t i = 0; i < cells->count; i++) {
-        pbs_clod_cell *c = &cells->cell[i];
-        c->level[pbs_clod_top(c) + 1] -= c->rest_count;
-        for (size_t r = u->first[i]; r < u->first[i + 1]; r++) c->level[u->rest[r].level + 1]++;
+static void count_cells(pbs_cloud_points *p, const pbs_clod_upper *u) {
+    for (size_t i = 0; i < p->cells.count; i++) {
+        pbs_clod_cell *c = &p->cells.cell[i];
+        c->level[pbs_clod_top(c)] = 0;
+        for (size_t r = u->first[i]; r < u->first[i + 1]; r++) {
+            c->level[u->rest[r].level]++;
+            if (r % OFTEN == OFTEN - 1) pbs_trim_now(&p->trim);
+        }
     }
 }
 
@@ -98,7 +102,7 @@ static pbs_cloud_node shrink(const pbs_cloud_tree *t, pbs_cloud_node n) {
         uint32_t origin[3];
         for (int k = 0; k < 3; k++) origin[k] = cell[n.first].origin[k] >> bits << bits;
         if (end_of(t, origin, bits, n.first, n.end) != n.end) break;
-        n.bits = bits;
+        n.bits = (int8_t)bits;
         memcpy(n.origin, origin, sizeof n.origin);
     }
     return n;
@@ -130,15 +134,27 @@ static pbs_code add_children(pbs_run *run, pbs_cloud_tree *t, size_t at, pbs_err
     return rc;
 }
 
+/* Gives back the room that the nodes have beyond what they need. */
+static pbs_code fit(pbs_run *run, pbs_cloud_tree *t, pbs_err *err) {
+    pbs_cloud_node *exact;
+    pbs_code rc = pbs_alloc(run, &exact, t->count, sizeof *exact, "the nodes", err);
+    if (rc) return rc;
+    memcpy(exact, t->node, t->count * sizeof *exact);
+    pbs_free(run, t->node);
+    t->node = exact, t->room = t->count;
+    return PBS_OK;
+}
+
 pbs_code pbs_cloud_tree_new(pbs_run *run, pbs_cloud_points *p, const pbs_clod_upper *u,
                             pbs_cloud_tree *t, pbs_err *err) {
     *t = (pbs_cloud_tree){.points = p, .upper = u};
-    pbs_cloud_node root = {.bits = p->lattice.bits, .end = p->cells.count};
-    count_cells(&p->cells, u);
+    pbs_cloud_node root = {.bits = (int8_t)p->lattice.bits, .end = (uint32_t)p->cells.count};
+    count_cells(p, u);
     root = shrink(t, root);
     set_levels(t, &root);
     pbs_code rc = add(run, t, root, err);
     for (size_t i = 0; i < t->count && !rc; i++) rc = add_children(run, t, i, err);
+    if (!rc) rc = fit(run, t, err);
     if (rc) pbs_cloud_tree_free(run, t);
     return rc;
 }
@@ -209,8 +225,8 @@ static pbs_code take_level(const pbs_cloud_tree *t, size_t cell, int k, pbs_clod
         *got = take_rest(t, cell, k, out);
         return PBS_OK;
     }
-    uint64_t first = 0, n = *got = c->level[k + 1];
-    for (int l = TOP_K; l > k; l--) first += c->level[l + 1];
+    uint64_t first = 0, n = *got = pbs_clod_of_level(c, k);
+    for (int l = TOP_K; l > k; l--) first += c->level[l];
     return pbs_scratch_read(&t->points->raw, pbs_clod_at(c) + first * sizeof *out,
                             (size_t)n * sizeof *out, out, err);
 }

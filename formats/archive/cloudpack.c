@@ -207,10 +207,10 @@ void pbs_cloudpack_count(const pack *p, pbs_cloudpack_stats *s) {
                                .bound = l->bound,
                                .record = own_record(p)};
     for (size_t i = 0; i < p->points.cells.count; i++) {
-        const uint64_t *level = p->points.cells.cell[i].level;
-        s->equal += level[0];
-        for (int k = 0; k < PBS_CLOD_LEVELS - 1; k++) {
-            if (!level[k + 1]) continue;
+        const pbs_clod_cell *c = &p->points.cells.cell[i];
+        s->equal += c->equal;
+        for (int k = 0; k < PBS_CLOD_LEVELS; k++) {
+            if (!c->level[k]) continue;
             top = k > top ? k : top;
             least = k < least ? k : least;
         }

@@ -64,6 +64,12 @@ typedef struct pbs_cloud_lattice {
     double bound;
 } pbs_cloud_lattice;
 
+/* Cubes of 2^16 steps that a cloud may fill and keep the lattice of its files: a cube costs some
+ * 300 bytes of memory, as a cell, a node or two, and chunks of the archive. A cloud that fills
+ * more, and one whose files have no lattice, gets a lattice on which it fills an eighth at most, or
+ * a quarter if it is unlike what its shape promised. */
+enum { PBS_CLOUD_CUBES = 1 << 19 };
+
 typedef struct pbs_cloud_points {
     pbs_run *run;
     pbs_scratch raw;  /* pbs_clod_raw, then pbs_clod_point */
@@ -72,13 +78,15 @@ typedef struct pbs_cloud_points {
     pbs_cloud_lattice lattice;
     uint64_t count, left_out;
     bool colours;
+    uint32_t cubes; /* 0: PBS_CLOUD_CUBES */
     pbs_trim trim;
+    size_t held; /* pages of files that count as its memory */
 } pbs_cloud_points;
 
 /* For clod.h: the points' room. */
 pbs_clod_store pbs_cloud_store(pbs_cloud_points *p);
 
-/* All points of the clouds, in the order of cells that are fine enough. Zeroed by = {0} before;
+/* All points of the clouds, in the order of cells that are fine enough. Zeroed but for `cubes`;
  * free it also after an error. */
 pbs_code pbs_cloud_take(pbs_run *run, const pbs_cloud *clouds, size_t count, pbs_cloud_points *p,
                         pbs_err *err);
@@ -86,12 +94,12 @@ void pbs_cloud_points_free(pbs_run *run, pbs_cloud_points *p);
 
 /* A node to be. */
 typedef struct pbs_cloud_node {
-    uint32_t origin[3];
-    int bits;
-    int low, high;            /* levels k of it */
-    size_t first, end;        /* its cells */
     uint64_t count;           /* its points */
+    uint32_t first, end;      /* its cells */
     uint32_t child, children; /* in the order of the archive's points */
+    uint32_t origin[3];
+    int8_t bits;
+    int8_t low, high; /* levels k of it */
 } pbs_cloud_node;
 
 typedef struct pbs_cloud_tree {

@@ -13,10 +13,11 @@ enum {
     BATCH = 65536,        /* so many that the points of a cell are usually many */
     PART = 1024,          /* of it, as numbers of the file */
     PIECE = 192 << 10,    /* bytes of a file at a time */
-    HELD = 32 << 20,      /* bytes of pages of files */
+    HELD = 32 << 20,      /* bytes of pages of files at most, */
+    HELD_POINT = 48,      /* and of each point: its record, itself, and what is left of cells */
+    PROGRAM = 4 << 20,    /* pages of the program, which are counted elsewhere */
     IN_MEMORY = 32 << 20, /* bytes of points: a file costs less than as many fresh pages */
-    REST_IN_MEMORY = 16 << 20,
-    CELLS = 1 << 16 /* that are hoped for */
+    REST_IN_MEMORY = 16 << 20
 };
 
 typedef enum pass_kind { MEASURE, COUNT, MEASURE_AND_COUNT, TAKE } pass_kind;
@@ -426,18 +427,37 @@ static void coarsen(take *t, int by) {
     t->grid.bits = l->bits;
 }
 
+static double cubes_borne(const take *t) {
+    return t->out->cubes ? t->out->cubes : PBS_CLOUD_CUBES;
+}
+
+/* How many cells of the grid have points, and how many times more than of one a level less deep: 2
+ * along a line, 4 on a surface. A volume counts as a surface, since a surface that lies between two
+ * layers of cells looks like one here. */
+static double occupied(const take *t, double *grows) {
+    double n = 0, coarse = 0;
+    for (size_t i = 0; i < (size_t)1 << 3 * t->grid.depth; i += 8) {
+        int here = 0;
+        for (size_t j = i; j < i + 8 && t->grid.depth; j++) here += t->grid.count[j] > 0;
+        n += here, coarse += here > 0;
+    }
+    *grows = coarse > 0 ? fmin(n / coarse, 4) : 4;
+    return t->grid.depth ? n : 1;
+}
+
 /* Cells of 2^16 steps hold few points if the lattice is much finer than the cloud: nearly every
  * point would be a node. Then the lattice is made coarser. Files that have a lattice keep it as
  * long as that can be borne. */
 static int too_fine(const take *t) {
     const pbs_cloud_lattice *l = &t->out->lattice;
     const int fine = PBS_CLOD_SIDE + t->grid.depth;
-    double occupied = 0, n = (double)t->out->count;
-    double most = fmin(l->bound > 0 ? n / 512 + 8 : n / 8 + 4096, CELLS);
+    double grows, cells = occupied(t, &grows), n = (double)t->out->count, all = cubes_borne(t);
+    double most = l->bound > 0 ? fmin(n / 512 + 8, all / 8) : all / 8;
     int by = 0;
-    for (size_t i = 0; i < (size_t)1 << 3 * t->grid.depth; i++) occupied += t->grid.count[i] > 0;
+    /* Such a surface fills half as many as it seems. */
+    if (!(l->bound > 0) && fmin(cells * pow(grows, l->bits - fine), n) <= 2 * all) return 0;
     while (l->bits - by > PBS_CLOD_SIDE && l->bits - by > t->grid.depth &&
-           fmin(occupied * ldexp(1, 2 * (l->bits - by - fine)), n) > most)
+           fmin(cells * ldexp(1, 2 * (l->bits - by - fine)), n) > most)
         by++;
     return by;
 }
@@ -480,22 +500,26 @@ static pbs_code sort_points(take *t, size_t most, pbs_err *err) {
     return rc ? rc : pbs_clod_cut(t->run, out->raw.bytes, &out->cells, trim, &out->trim, err);
 }
 
-/* Cells may turn out to be more than was thought, as their number grows with memory: then the
- * lattice is made coarser still. */
+/* More are too many, unless it is density that makes them. */
+static size_t most_cells(const take *t) {
+    double all = cubes_borne(t);
+    size_t most = (size_t)(t->out->lattice.bound > 0 ? all / 4 : all), dense = t->all / 8192;
+    return dense > most ? dense : most;
+}
+
+/* Cells may turn out to be more than was thought, and memory grows with them: then the lattice is
+ * made coarser still. */
 static pbs_code sort_into_few_cells(take *t, pbs_err *err) {
     pbs_code rc = pbs_scratch_within(t->run, (size_t)t->out->count, sizeof(pbs_clod_raw),
                                      "the points", IN_MEMORY, &t->out->raw, err);
     if (!rc && t->out->raw.is_file)
         pbs_trim_add(&t->out->trim, t->out->raw.bytes, t->out->raw.size);
-    size_t most = t->all / 8192 > 2 * CELLS ? (size_t)(t->all / 8192) : 2 * CELLS;
-    if (!rc) rc = sort_points(t, most, err);
+    if (!rc) rc = sort_points(t, most_cells(t), err);
     while (rc && t->out->cells.too_many) {
         int least = PBS_CLOD_SIDE > t->grid.depth ? PBS_CLOD_SIDE : t->grid.depth;
-        if (t->out->lattice.bits - 2 < least)
-            most = 0; /* it is density that makes them */
-        else
-            coarsen(t, 2);
-        rc = sort_points(t, most, err);
+        bool dense = t->out->lattice.bits - 2 < least;
+        if (!dense) coarsen(t, 2);
+        rc = sort_points(t, dense ? 0 : most_cells(t), err);
     }
     return rc;
 }
@@ -537,6 +561,19 @@ static void take_free(take *t) {
     pbs_clod_grid_free(t->run, &t->grid);
 }
 
+/* Pages of files are memory as other memory is. A quarter is left for those that come in before the
+ * next look at how many there are. */
+static pbs_code hold(pbs_cloud_points *p, uint64_t points, pbs_err *err) {
+    size_t held = pbs_mem_left(p->run) / 4;
+    if (held > HELD) held = HELD;
+    if (held / HELD_POINT > points) held = (size_t)points * HELD_POINT;
+    pbs_code rc = pbs_mem_take(p->run, held, "pages of files", err);
+    if (rc) return rc;
+    p->held = held;
+    p->trim.limit = held - held / 4 + PROGRAM;
+    return PBS_OK;
+}
+
 pbs_code pbs_cloud_take(pbs_run *run, const pbs_cloud *clouds, size_t count, pbs_cloud_points *p,
                         pbs_err *err) {
     take t = {.run = run,
@@ -546,12 +583,12 @@ pbs_code pbs_cloud_take(pbs_run *run, const pbs_cloud *clouds, size_t count, pbs
               .slot_count = 2 * run->threads};
     p->run = run;
     pbs_trim_open(run, &p->trim);
-    if (p->trim.limit > HELD) p->trim.limit = HELD;
     for (size_t c = 0; c < count; c++) {
         pbs_cloud_trim(&clouds[c], &p->trim);
         t.all += clouds[c].count;
     }
-    pbs_code rc = take_new(&t, err);
+    pbs_code rc = hold(p, t.all, err);
+    if (!rc) rc = take_new(&t, err);
     if (!rc) rc = take_all(&t, err);
     take_free(&t);
     p->trim.count = 0;
@@ -589,4 +626,6 @@ void pbs_cloud_points_free(pbs_run *run, pbs_cloud_points *p) {
     pbs_scratch_free(&p->raw);
     pbs_scratch_free(&p->rest);
     pbs_trim_close(&p->trim);
+    pbs_mem_give(run, p->held);
+    p->held = 0;
 }

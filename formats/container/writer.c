@@ -129,6 +129,10 @@ pbs_code pbs_writer_open(pbs_run *run, const pbs_writer_desc *d, pbs_writer **ou
     if (!rc) rc = write_header(w, d, err);
     w->front_at = w->out.written;
     if (!rc && w->front) rc = put_zeros(w, directory_bytes(w->front), err);
+    /* Announced chunks need no room that grows. */
+    if (!rc)
+        rc = pbs_grow(run, &w->dir, &w->dir_cap, (size_t)w->front * ENTRY_SIZE, 1, "the directory",
+                      err);
     if (!rc) return PBS_OK;
     pbs_writer_close(w);
     *out = NULL;

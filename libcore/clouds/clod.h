@@ -15,7 +15,7 @@
  * never touch and can be worked on at a time; the order of these groups, and so the result, does
  * not depend on threads or memory. What is left of all cells, usually less than a hundredth, is
  * thinned further level by level, in cubes of at most PBS_CLOD_PIECE points. So memory grows with
- * the number of cells alone, by half a kilobyte each.
+ * the number of cells alone, by 140 bytes each.
  */
 #ifndef PBS_CLOD_H
 #define PBS_CLOD_H
@@ -24,12 +24,12 @@
 #include "libcore/clouds/thin.h"
 
 enum {
-    PBS_CLOD_CELL = 65536, /* points of a cell at most, but if all are at one place */
+    PBS_CLOD_CELL = 65535, /* points of a cell at most, but if all are at one place */
     PBS_CLOD_SIDE = 16,    /* a cell's side is at most 2^16 steps */
     PBS_CLOD_BITS = 31,    /* that of the whole cloud at most 2^31 */
     PBS_CLOD_DEPTH = 7,    /* of a grid of cells at most */
     PBS_CLOD_KEEP = 3,     /* a cell is thinned up to 2^-3 of its side */
-    PBS_CLOD_LEVELS = 34   /* room for k = -1 .. 32 */
+    PBS_CLOD_LEVELS = 29   /* k = 0 .. 28, an eighth of 2^31 */
 };
 
 /* A point as it comes in. */
@@ -53,19 +53,26 @@ typedef struct pbs_clod_rest {
     int8_t level; /* k */
 } pbs_clod_rest;
 
+/* There may be half a million, so their numbers are as small as they can be. */
 typedef struct pbs_clod_cell {
+    uint64_t first, count; /* of the array of points */
     uint32_t origin[3];
-    int bits;                 /* side 2^bits */
-    uint64_t first, count;    /* of the array of points */
     uint32_t low[3], high[3]; /* box around its points */
-    /* Set by pbs_clod_thin: points of k at [k + 1], the largest first in the array, those that are
-     * left (of k = top_of(cell)) before all. */
-    uint64_t level[PBS_CLOD_LEVELS];
+    /* Set by pbs_clod_thin: points of each k, the largest first in the array, those that are left
+     * (of k = pbs_clod_top) before all, and last those of k = -1. */
+    uint64_t equal; /* of k = -1 */
     uint32_t rest_count;
     uint32_t border_count; /* that neighbours must respect; PBS_CLOD_NO_LIST: of all its points */
+    uint16_t level[PBS_CLOD_LEVELS];
+    int8_t bits; /* side 2^bits */
 } pbs_clod_cell;
 
 #define PBS_CLOD_NO_LIST UINT32_MAX
+
+/* Points of level k. */
+static inline uint64_t pbs_clod_of_level(const pbs_clod_cell *c, int k) {
+    return k < 0 ? c->equal : c->level[k];
+}
 
 /* The coarsest k that a cell decides on its own. */
 static inline int pbs_clod_top(const pbs_clod_cell *c) {

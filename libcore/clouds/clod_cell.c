@@ -220,12 +220,14 @@ void pbs_clod_rest_colour(const pbs_clod_rest *r, uint8_t colour[4]) {
 
 /* By level from the coarsest on, and in Morton order. */
 static void write_points(const pbs_clod_work *w, pbs_clod_cell *c, pbs_clod_point *out) {
-    uint32_t n = (uint32_t)c->count, at[PBS_CLOD_LEVELS], first = 0;
-    uint16_t spacing[PBS_CLOD_LEVELS];
-    memset(c->level, 0, sizeof c->level);
-    for (uint32_t i = 0; i < n; i++) c->level[w->level[i] + 1]++;
-    for (int k = PBS_CLOD_LEVELS; k--; first += (uint32_t)c->level[k]) at[k] = first;
-    for (int k = 0; k < PBS_CLOD_LEVELS - 1; k++) spacing[k] = pbs_clod_spacing(k - 1);
+    uint32_t n = (uint32_t)c->count, of[PBS_CLOD_LEVELS + 1] = {0}, at[PBS_CLOD_LEVELS + 1];
+    uint32_t first = 0;
+    uint16_t spacing[PBS_CLOD_LEVELS + 1];
+    for (uint32_t i = 0; i < n; i++) of[w->level[i] + 1]++;
+    for (int k = PBS_CLOD_LEVELS + 1; k--; first += of[k]) at[k] = first;
+    for (int k = 0; k <= PBS_CLOD_LEVELS; k++) spacing[k] = pbs_clod_spacing(k - 1);
+    c->equal = of[0];
+    for (int k = 0; k < PBS_CLOD_LEVELS; k++) c->level[k] = (uint16_t)of[k + 1];
     for (uint32_t i = 0; i < n; i++) {
         int k = w->level[i] + 1;
         pbs_clod_point p = {.spacing = spacing[k]};
@@ -251,8 +253,8 @@ static size_t leave_more(const pbs_clod_work *w, pbs_clod_cell *c, const pbs_clo
     const float *sum = w->last->sum;
     uint32_t n = 0;
     uint64_t i = 0;
-    for (int k = PBS_CLOD_LEVELS - 2; k > 0; k--)
-        for (uint64_t end = i + c->level[k + 1]; i < end; i++)
+    for (int k = PBS_CLOD_LEVELS - 1; k > 0; k--)
+        for (uint64_t end = i + c->level[k]; i < end; i++)
             if (at_border(p[i].q, c->bits, k))
                 b[n++] = (pbs_clod_border){{p[i].q[0], p[i].q[1], p[i].q[2]}, (int16_t)k};
     size_t size = n * sizeof *b, sums = sum ? c->rest_count * 4 * sizeof *sum : 0;
@@ -319,8 +321,9 @@ static pbs_code leave_place(const pbs_clod_store *s, pbs_clod_cell *c, pbs_clod_
     float left[4];
     memcpy(c->low, c->origin, sizeof c->low);
     memcpy(c->high, c->origin, sizeof c->high);
-    c->level[1] = 1;
-    c->level[0] = c->count - 1;
+    memset(c->level, 0, sizeof c->level);
+    c->level[0] = 1;
+    c->equal = c->count - 1;
     c->rest_count = 1;
     c->border_count = 0;
     pbs_code rc = thin_place(s, c, w, sum, err);
@@ -344,7 +347,7 @@ pbs_code pbs_clod_thin_cell(const pbs_clod_store *s, pbs_clod_cell *c, pbs_clod_
     rc = thin(w, (uint32_t)c->count, top, err);
     if (rc) return rc;
     write_points(w, c, out);
-    c->rest_count = (uint32_t)c->level[top + 1];
+    c->rest_count = c->level[top];
     size_t behind = leave_more(w, c, out);
     return s->write(s->ctx, pbs_clod_at(c), c->count * sizeof *out + behind, out, err);
 }

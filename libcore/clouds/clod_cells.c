@@ -1,5 +1,5 @@
 /* The octree of cells of a point cloud (clod.h): from the counts of a grid, and by cutting. */
-#include "libcore/clouds/clod.h"
+#include "libcore/clouds/clod_internal.h"
 #include <string.h>
 
 enum {
@@ -40,6 +40,7 @@ typedef struct cutter {
     pbs_clod_cells *out;
     void (*done)(void *ctx);
     void *ctx;
+    pbs_clod_looks looks; /* of whatever cell */
 } cutter;
 
 typedef struct builder {
@@ -76,7 +77,7 @@ static pbs_code build(builder *b, uint32_t place, int depth, pbs_err *err) {
         return rc;
     }
     for (size_t i = begin; i < end; i++) g->cell[i] = (uint32_t)b->out->count;
-    pbs_clod_cell c = {.bits = bits, .first = b->first, .count = count};
+    pbs_clod_cell c = {.bits = (int8_t)bits, .first = b->first, .count = count};
     for (int k = 0; k < 3; k++) c.origin[k] = g->origin[k] + (gather3(place >> k) << bits);
     b->first += count;
     return add(b->run, b->out, &c, err);
@@ -88,45 +89,40 @@ pbs_code pbs_clod_cells_of(pbs_run *run, pbs_clod_grid *g, uint64_t first, pbs_c
     return build(&b, 0, 0, err);
 }
 
-static void was_moved(const cutter *u, uint64_t *moved, uint64_t n) {
-    const uint64_t often = 1 << 16;
-    *moved += n;
-    if (*moved < often) return;
-    *moved = 0;
-    if (u->done) u->done(u->ctx);
+static inline void look(cutter *u, const pbs_clod_raw *at) {
+    if (pbs_clod_look(&u->looks, at) && u->done) u->done(u->ctx);
 }
 
 /* Puts points in the order of the cells that the grid found, within their own room. */
-static void permute(const cutter *u, const pbs_clod_grid *g, const pbs_clod_cells *cells,
-                    uint64_t *at) {
+static void permute(cutter *u, const pbs_clod_grid *g, const pbs_clod_cells *cells, uint64_t *at) {
     pbs_clod_raw *raw = u->raw;
-    uint64_t moved = 0;
     for (size_t c = 0; c < cells->count; c++) at[c] = cells->cell[c].first;
     for (size_t c = 0; c < cells->count; c++) {
         uint64_t end = cells->cell[c].first + cells->cell[c].count;
         while (at[c] < end) {
             pbs_clod_raw p = raw[at[c]];
-            for (uint32_t to; (to = g->cell[pbs_clod_place(g, p.q)]) != c; moved++) {
+            for (uint32_t to; (to = g->cell[pbs_clod_place(g, p.q)]) != c;) {
                 pbs_clod_raw other = raw[at[to]];
                 raw[at[to]++] = p;
                 p = other;
+                look(u, &raw[at[to]]);
             }
+            look(u, &raw[at[c]]);
             raw[at[c]++] = p;
-            was_moved(u, &moved, 1);
         }
     }
 }
 
-static pbs_code cut(const cutter *u, const pbs_clod_cell *c, pbs_err *err);
+static pbs_code cut(cutter *u, const pbs_clod_cell *c, pbs_err *err);
 
 /* One grid's worth of cutting, then what is still too much. */
-static pbs_code cut_once(const cutter *u, const pbs_clod_cell *c, pbs_clod_grid *g,
-                         pbs_clod_cells *parts, pbs_err *err) {
-    uint64_t *at = NULL, seen = 0;
+static pbs_code cut_once(cutter *u, const pbs_clod_cell *c, pbs_clod_grid *g, pbs_clod_cells *parts,
+                         pbs_err *err) {
+    uint64_t *at = NULL;
     memcpy(g->origin, c->origin, sizeof g->origin);
     for (uint64_t i = c->first; i < c->first + c->count; i++) {
         g->count[pbs_clod_place(g, u->raw[i].q)]++;
-        was_moved(u, &seen, 1);
+        look(u, &u->raw[i]);
     }
     pbs_code rc = pbs_clod_cells_of(u->run, g, c->first, parts, err);
     if (!rc) rc = pbs_alloc(u->run, &at, parts->count, sizeof *at, "the cells", err);
@@ -137,7 +133,7 @@ static pbs_code cut_once(const cutter *u, const pbs_clod_cell *c, pbs_clod_grid 
     return rc;
 }
 
-static pbs_code cut(const cutter *u, const pbs_clod_cell *c, pbs_err *err) {
+static pbs_code cut(cutter *u, const pbs_clod_cell *c, pbs_err *err) {
     pbs_clod_cells *out = u->out;
     pbs_code rc = pbs_run_check(u->run, err);
     if (rc) return rc;
@@ -154,16 +150,27 @@ static pbs_code cut(const cutter *u, const pbs_clod_cell *c, pbs_err *err) {
     return rc;
 }
 
+/* Gives back the room that they have beyond what they need, which lasts. */
+static pbs_code fit(pbs_run *run, pbs_clod_cells *c, pbs_err *err) {
+    pbs_clod_cell *exact;
+    pbs_code rc = pbs_alloc(run, &exact, c->count, sizeof *exact, "the cells", err);
+    if (rc) return rc;
+    memcpy(exact, c->cell, c->count * sizeof *exact);
+    pbs_free(run, c->cell);
+    c->cell = exact, c->room = c->count;
+    return PBS_OK;
+}
+
 pbs_code pbs_clod_cut(pbs_run *run, pbs_clod_raw *raw, pbs_clod_cells *cells,
                       void (*done)(void *ctx), void *ctx, pbs_err *err) {
     pbs_clod_cells out = {.most = cells->most, .piece = cells->piece};
-    const cutter u = {run, raw, &out, done, ctx};
+    cutter u = {run, raw, &out, done, ctx, {0, 0}};
     pbs_code rc = PBS_OK;
     for (size_t i = 0; i < cells->count && !rc; i++) rc = cut(&u, &cells->cell[i], err);
     if (done) done(ctx);
     pbs_free(run, cells->cell);
     *cells = out;
-    return rc;
+    return rc || !out.count ? rc : fit(run, cells, err);
 }
 
 void pbs_clod_cells_free(pbs_run *run, pbs_clod_cells *cells) {

@@ -25,6 +25,21 @@ static inline bool pbs_clod_before(const uint32_t a[3], const uint32_t b[3]) {
     return a[axis] < b[axis];
 }
 
+/* Pages of a store's map that were looked at. A look may bring in as many around it as the system
+ * keeps together, up to 2 MB; so what counts is how often one goes from 2 MB to others. */
+typedef struct pbs_clod_looks {
+    uintptr_t last;
+    uint32_t count;
+} pbs_clod_looks;
+
+/* Whether it is time to give pages back. */
+static inline bool pbs_clod_look(pbs_clod_looks *l, const void *at) {
+    uintptr_t part = (uintptr_t)at >> 21;
+    if (part == l->last) return false;
+    l->last = part;
+    return ++l->count % 4 == 0;
+}
+
 /* Working memory for one cell. */
 typedef struct pbs_clod_work {
     pbs_clod_raw *raw;      /* then the points, and what is left behind them */

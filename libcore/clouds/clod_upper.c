@@ -29,6 +29,7 @@ typedef struct upper {
     size_t piece_count, piece_room;
     int32_t (*face)[3];
     size_t face_count, face_room;
+    pbs_clod_looks looks; /* at what is left */
 } upper;
 
 static void give_back(const upper *u) {
@@ -205,6 +206,7 @@ static pbs_code thin_cube(upper *u, int k, bool more, pbs_err *err) {
         pbs_clod_rest *r = &u->out->rest[u->kept.id[i]];
         r->level = (int8_t)k;
         if (u->kept.sum) memcpy(r->sum, u->kept.sum + 4 * (size_t)i, sizeof r->sum);
+        if (pbs_clod_look(&u->looks, r)) give_back(u);
     }
     position(&u->set, end - 1, u->last);
     u->before = true;

@@ -46,8 +46,8 @@ static void cloud_free(cloud *c) {
 static void take_cell(cloud *c, pbs_clod_raw *points, const pbs_clod_cell *cell, size_t *n) {
     const pbs_clod_point *p = (const void *)((const char *)points + pbs_clod_at(cell));
     uint64_t i = 0;
-    for (int k = PBS_CLOD_LEVELS - 2; k >= -1; k--)
-        for (uint64_t end = i + cell->level[k + 1]; i < end; i++, (*n)++) {
+    for (int k = PBS_CLOD_LEVELS - 1; k >= -1; k--)
+        for (uint64_t end = i + pbs_clod_of_level(cell, k); i < end; i++, (*n)++) {
             for (int a = 0; a < 3; a++) {
                 c->q[*n][a] = cell->origin[a] + p[i].q[a];
                 CHECK(c->q[*n][a] >= cell->low[a] && c->q[*n][a] <= cell->high[a]);

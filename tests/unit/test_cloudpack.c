@@ -185,17 +185,72 @@ TEST(scales_that_differ_stay_exact) {
     close_found(&f);
 }
 
-/* A few points far apart on a very fine lattice: nodes would outnumber them. */
+/* A few points far apart on a very fine lattice, nearly as many nodes: they stay exact. */
 TEST(a_lattice_far_too_fine) {
     las_desc d = terrain;
     for (int k = 0; k < 3; k++) d.scale[k] = 1e-6;
     make_terrain(&d, 2e9);
     CHECK(!pack_one("t.las", "t.pbs"));
     found f = open_found("t.pbs");
-    CHECK(f.count == N);
+    CHECK(stats.bound == 0 && stats.step == 1e-6);
+    check_same(&f, (const double(*)[3])at, N, 1e-6);
     check_spacing(&f);
     close_found(&f);
-    CHECK_NUM(stats.bound < 0.001, stats.bound);
+}
+
+/* The distance of the point of the file that is farthest from all that were taken. */
+static double farthest(const pbs_cloud_points *p) {
+    const pbs_clod_raw *raw = p->raw.bytes;
+    const pbs_cloud_lattice *l = &p->lattice;
+    double most = 0;
+    for (size_t i = 0; i < N; i++) {
+        double nearest = INFINITY;
+        for (size_t j = 0; j < N; j++) {
+            double d = 0;
+            for (int k = 0; k < 3; k++) {
+                double v = l->origin[k] + l->step * raw[j].q[k] - at[i][k];
+                d += v * v;
+            }
+            nearest = fmin(nearest, d);
+        }
+        most = fmax(most, sqrt(nearest));
+    }
+    return most;
+}
+
+static void take_into(uint32_t cubes, pbs_cloud_points *p) {
+    pbs_run run = {.threads = 2};
+    pbs_cloud c;
+    uint64_t n = 0;
+    *p = (pbs_cloud_points){.cubes = cubes};
+    CHECK(!pbs_cloud_open(&run, "t.las", &c, &err));
+    CHECK(!pbs_cloud_take(&run, &c, 1, p, &err));
+    for (size_t i = 0; i < p->cells.count; i++) n += p->cells.cell[i].count;
+    CHECK_NUM(n == N, n);
+    CHECK_NUM(farthest(p) <= p->lattice.bound + 1e-9, farthest(p) / p->lattice.step);
+    CHECK((p->lattice.bound > 0) == (p->lattice.step > 0.01));
+    pbs_cloud_points_free(&run, p);
+    pbs_cloud_close(&c);
+    CHECK(!run.mem_used);
+}
+
+/* Points all over a volume of 4096 cubes, of which the grid, 2 cells wide, promises 512: a lattice
+ * stays if its cubes can be borne; if they turn out to be too many it gets coarser, and if that was
+ * to be seen at once, too. */
+TEST(more_cubes_than_can_be_borne) {
+    pbs_cloud_points p;
+    const double side = 0xffff0;
+    for (size_t i = 0; i < 3 * N; i++) {
+        q[i] = (int32_t)(side * chance());
+        at[i / 3][i % 3] = terrain.offset[i % 3] + 0.01 * q[i];
+    }
+    las_write("t.las", &terrain, q, rgb);
+    take_into(0, &p);
+    CHECK(p.lattice.bound == 0);
+    take_into(1000, &p); /* seems fine, is not */
+    CHECK_NUM(p.lattice.bound > 0 && fabs(p.lattice.step - 0.04) < 1e-9, p.lattice.step);
+    take_into(200, &p);
+    CHECK_NUM(p.lattice.bound > 0 && p.lattice.step < 1, p.lattice.step);
 }
 
 TEST(tiles_are_one_cloud) {
