@@ -145,6 +145,34 @@ pbs_code pbs_cloud_lattice_choose(const pbs_cloud *clouds, size_t count,
     return PBS_OK;
 }
 
+/* How many cells of the grid have points, and how many times more than of one a level less deep: 2
+ * along a line, 4 on a surface. A volume counts as a surface, since a surface that lies between two
+ * layers of cells looks like one here. */
+static double occupied(const pbs_clod_grid *g, double *grows) {
+    double n = 0, coarse = 0;
+    for (size_t i = 0; i < (size_t)1 << 3 * g->depth; i += 8) {
+        int here = 0;
+        for (size_t j = i; j < i + 8 && g->depth; j++) here += g->count[j] > 0;
+        n += here, coarse += here > 0;
+    }
+    *grows = coarse > 0 ? fmin(n / coarse, 4) : 4;
+    return g->depth ? n : 1;
+}
+
+int pbs_cloud_too_fine(const pbs_cloud_lattice *l, const pbs_clod_grid *g, uint64_t points,
+                       double all) {
+    const int fine = PBS_CLOD_SIDE + g->depth;
+    double grows, cells = occupied(g, &grows), n = (double)points;
+    double most = l->bound > 0 ? fmin(n / 512 + 8, all / 8) : all / 8;
+    int by = 0;
+    /* Such a surface fills half as many as it seems. */
+    if (!(l->bound > 0) && fmin(cells * pow(grows, l->bits - fine), n) <= 2 * all) return 0;
+    while (l->bits - by > PBS_CLOD_SIDE && l->bits - by > g->depth &&
+           fmin(cells * ldexp(1, 2 * (l->bits - by - fine)), n) > most)
+        by++;
+    return by;
+}
+
 void pbs_cloud_choose_colours(const pbs_cloud *clouds, size_t count, const pbs_cloud_bounds *bounds,
                               pbs_cloud_map *maps) {
     uint16_t any = 0;

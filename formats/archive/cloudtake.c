@@ -431,37 +431,6 @@ static double cubes_borne(const take *t) {
     return t->out->cubes ? t->out->cubes : PBS_CLOUD_CUBES;
 }
 
-/* How many cells of the grid have points, and how many times more than of one a level less deep: 2
- * along a line, 4 on a surface. A volume counts as a surface, since a surface that lies between two
- * layers of cells looks like one here. */
-static double occupied(const take *t, double *grows) {
-    double n = 0, coarse = 0;
-    for (size_t i = 0; i < (size_t)1 << 3 * t->grid.depth; i += 8) {
-        int here = 0;
-        for (size_t j = i; j < i + 8 && t->grid.depth; j++) here += t->grid.count[j] > 0;
-        n += here, coarse += here > 0;
-    }
-    *grows = coarse > 0 ? fmin(n / coarse, 4) : 4;
-    return t->grid.depth ? n : 1;
-}
-
-/* Cells of 2^16 steps hold few points if the lattice is much finer than the cloud: nearly every
- * point would be a node. Then the lattice is made coarser. Files that have a lattice keep it as
- * long as that can be borne. */
-static int too_fine(const take *t) {
-    const pbs_cloud_lattice *l = &t->out->lattice;
-    const int fine = PBS_CLOD_SIDE + t->grid.depth;
-    double grows, cells = occupied(t, &grows), n = (double)t->out->count, all = cubes_borne(t);
-    double most = l->bound > 0 ? fmin(n / 512 + 8, all / 8) : all / 8;
-    int by = 0;
-    /* Such a surface fills half as many as it seems. */
-    if (!(l->bound > 0) && fmin(cells * pow(grows, l->bits - fine), n) <= 2 * all) return 0;
-    while (l->bits - by > PBS_CLOD_SIDE && l->bits - by > t->grid.depth &&
-           fmin(cells * ldexp(1, 2 * (l->bits - by - fine)), n) > most)
-        by++;
-    return by;
-}
-
 /* ---- all ---- */
 
 static void trim(void *t) {
@@ -532,7 +501,7 @@ static pbs_code take_all(take *t, pbs_err *err) {
     for (size_t c = 0; c < t->cloud_count; c++)
         t->out->colours |= t->clouds[c].colour != PBS_CLOUD_NO_COLOUR;
     pbs_cloud_choose_colours(t->clouds, t->cloud_count, t->bounds, t->maps);
-    coarsen(t, too_fine(t));
+    coarsen(t, pbs_cloud_too_fine(&t->out->lattice, &t->grid, t->out->count, cubes_borne(t)));
     return sort_into_few_cells(t, err);
 }
 

@@ -41,6 +41,13 @@ pbs_code pbs_cloud_lattice_choose(const pbs_cloud *clouds, size_t count,
                                   const pbs_cloud_bounds *bounds, uint64_t points,
                                   pbs_cloud_lattice *l, pbs_cloud_map *maps, pbs_err *err);
 
+/* Cells of 2^16 steps hold few points if the lattice is much finer than the cloud: nearly every
+ * point would be a node. Then the lattice is made coarser. Files that have a lattice keep it as
+ * long as that can be borne. Returns how often it is halved; g is counted, `all` the cubes that can
+ * be borne. */
+int pbs_cloud_too_fine(const pbs_cloud_lattice *l, const pbs_clod_grid *g, uint64_t points,
+                       double all);
+
 /* Sets how colours become 8 bits, one answer for all files: a dark tile is not a file of 8 bits. */
 void pbs_cloud_choose_colours(const pbs_cloud *clouds, size_t count, const pbs_cloud_bounds *bounds,
                               pbs_cloud_map *maps);
