@@ -113,8 +113,15 @@ static size_t upload_patches(size_t count, pbs_placed_mesh *meshes) {
             int64_t at = (int64_t)k * PATCH;
             fill_patch(bytes + at, 2 * PI * (double)(i + k) / (double)count,
                        2 * PI / (double)count);
-            meshes[i + k] = (pbs_placed_mesh){buffer, TRIANGLES,         PBS_NONE, at,  -1,
-                                              -1,     at + CORNERS * 12, -1,       {0}, {0}};
+            meshes[i + k] = (pbs_placed_mesh){.buffer = buffer,
+                                              .count = TRIANGLES,
+                                              .material = PBS_NONE,
+                                              .position = at,
+                                              .normal = -1,
+                                              .uv = -1,
+                                              .colour = -1,
+                                              .index = at + CORNERS * 12,
+                                              .triangle_material = -1};
             memcpy(meshes[i + k].m, PBS_IDENTITY, sizeof meshes[i + k].m);
         }
         gl.NamedBufferData(buffer, (GLsizeiptr)(n * PATCH), bytes, GL_STATIC_DRAW);
